@@ -322,7 +322,7 @@ def identify(
         0.18 mm, identified
     """
     from twin.identify.logs import ball_factor, ball_heights, read_any, wanted_columns
-    from twin.identify.parameters import PLAIN_PARAMETERS, chosen
+    from twin.identify.parameters import PLAIN_PARAMETERS, choose_parameters
     from twin.scenario import load
 
     if isinstance(hold_out, float | int) and not 0 <= hold_out <= 0.8:
@@ -341,7 +341,7 @@ def identify(
             if isinstance(hold_out, float | int)
             else [read_any(path, wanted, separator) for path in _paths(hold_out)]
         )
-        fitted = chosen(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
+        fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
         rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_axes(
@@ -358,7 +358,7 @@ def identify(
             raise ScenarioError("log: give one; several are taken with columns only")
     if not isinstance(hold_out, float | int):
         raise ScenarioError("hold_out: must be 0 to 0.8; another log is taken with columns only")
-    wanted_names = chosen(",".join(names) or None)
+    wanted_names = choose_parameters(",".join(names) or None)
     recorded = _read_recorded(log)
     if factor is not None:
         recorded = recorded.with_ball(factor)

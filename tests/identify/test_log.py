@@ -11,7 +11,7 @@ import pytest
 
 from twin.base.errors import LogError
 from twin.identify.logs import LOG_COLUMN_UNITS, NEEDED_COLUMNS, read
-from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, chosen
+from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, choose_parameters
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem, identify_twin, replay_log
 from twin.identify.verdicts import HOLD_OUT, score
@@ -154,7 +154,7 @@ def test_a_parquet_column_that_holds_no_numbers_is_named(tmp_path):
 
 def test_an_unknown_parameter_is_refused_with_those_known():
     with pytest.raises(LogError, match="no 'frction'") as caught:
-        chosen("rolling,frction")
+        choose_parameters("rolling,frction")
     assert all(name in str(caught.value) for name in PARAMETER_CHOICES)
 
 

@@ -485,7 +485,7 @@ def read_any(
     except OSError as error:
         raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
     if table is None:
-        header, cells = _text_columns(path.name, decode_text(raw), wanted, separator, notes)
+        header, cells, notes = _split_columns(path.name, decode_text(raw), wanted, separator)
     else:
         units_of = table.units
         header = [f"{k} [{units_of[k]}]" if k in units_of else k for k in table.columns]
@@ -515,14 +515,13 @@ def read_any(
     return _clean_log(path.name, columns, units, notes)
 
 
-def _text_columns(
+def _split_columns(
     source: str,
     text: str,
     wanted: Mapping[str, ColumnWanted],
     separator: str | None,
-    notes: list[str],
-) -> tuple[list[str], list[Array | list[str]]]:
-    """The header and the columns of a text, as texts.
+) -> tuple[list[str], list[Array | list[str]], list[str]]:
+    """The header and the columns of a text, as texts, and notes on rows that are left out.
 
     Rows that are cut are left out: the first and the last if they are shorter than usual, and
     others that are shorter or longer where these are few.
@@ -532,7 +531,6 @@ def _text_columns(
         text: All of it.
         wanted: Role to column.
         separator: Between columns; None to find it.
-        notes: Is given what was left out.
 
     Raises:
         LogError: If it is empty, or its header does not fit its rows.
@@ -562,12 +560,14 @@ def _text_columns(
     ):  # then it is how this program writes what it does not know
         odd[1:-1] = False
         odd &= counts < usual
+    notes = []
     if odd.any():
         cut = "the first one" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
         notes.append(f"{cut} of another number of cells than the {usual} of the others left out")
     kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
     width = max(usual, named)
-    return header, [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
+    columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
+    return header, list(columns), notes
 
 
 def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
