@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array
@@ -56,6 +57,29 @@ def drive_path(
     return tuple(np.array(corners).T)
 
 
+MAX_TRACKS = 40
+"""Tracks of a tilt that are kept for further simulations."""
+
+
+def _remaining_share(lag: float) -> float:
+    """Share of a deviation that a lag in s leaves after a fine step."""
+    return float(np.exp(-FINE_LAG_STEP_S / lag)) if lag > 1e-4 else 0.0
+
+
+def _interpolate(track: Array, place: Array) -> Array:
+    """Values of a track at places of any shape, by straight lines; its ends are held."""
+    place = np.minimum(np.maximum(place, 0.0), len(track) - 1.001)
+    low = place.astype(np.intp)
+    place -= low
+    first = track.take(low)
+    low += 1
+    rise = track.take(low)
+    rise -= first
+    rise *= place
+    rise += first
+    return rise
+
+
 class TiltHistory:
     """Tilt of the plate at any time, behind drives and their lag.
 
@@ -72,11 +96,11 @@ class TiltHistory:
         steps = int((log.time[-1] - log.time[0]) / FINE_LAG_STEP_S) + 2
         self.time = float(log.time[0]) + FINE_LAG_STEP_S * np.arange(steps)
         self.driven: dict[tuple[float, ...], Array] = {}
-        self.lagged: dict[tuple[float, ...], Array] = {}
+        self.lagged: dict[tuple[float, ...], tuple[Array, Array]] = {}
         self.tried = DRIVE_EFFECTS * log.held + ("lever",) * (log.lever is None)
 
     def at(self, time: Array, lag: float, *drive: float) -> Array:
-        """Behind a lag in s, at times in s of any shape.
+        """Tilt in swings behind a lag in s, at times in s of any shape.
 
         Args:
             time: Seconds.
@@ -85,15 +109,39 @@ class TiltHistory:
                 in m beyond a given one, by which the plate's acceleration moves the ball; none for
                 an ideal one.
         """
+        return _interpolate(self._track(lag, drive)[0], self._place(time, lag))
+
+    def integrate(self, time: Array, lag: float, *drive: float) -> Array:
+        """Integral over time in s of what ``at`` returns, zero where the log begins."""
+        track, covered = self._track(lag, drive)
+        place = self._place(time, lag)
+        found = _interpolate(covered, place)
+        for end, tilt in ((0.0, track[0]), (len(track) - 1.0, track[-1])):  # held outside the log
+            outside = np.minimum(place, 0.0) if end == 0.0 else np.maximum(place - end, 0.0)
+            found += FINE_LAG_STEP_S * tilt * outside
+        return found
+
+    def _place(self, time: Array, lag: float) -> Array:
+        """Fine steps from the beginning of the log to times in s.
+
+        A mean stands in the middle of its step; what follows it slowly is right at its end.
+        """
+        stay = _remaining_share(lag)
+        early = (
+            FINE_LAG_STEP_S * (0.5 + stay / (1 - stay)) - lag if lag < 5 * FINE_LAG_STEP_S else 0.0
+        )
+        return (time + (early - self.time[1])) * (1 / FINE_LAG_STEP_S)
+
+    def _track(self, lag: float, drive: tuple[float, ...]) -> tuple[Array, Array]:
+        """Tilt behind a lag at every fine step, and its integral."""
         key, lever = (drive[:3], drive[3]) if drive else ((0.0, 0.0, 0.0), 0.0)
         lever += self.log.lever or 0.0
         if key not in self.driven:
             self.driven[key] = self._average_steps(key)
-        stay = float(np.exp(-FINE_LAG_STEP_S / lag)) if lag > 1e-4 else 0.0
         if (lag, *key, lever) not in self.lagged:
-            if len(self.lagged) > 40:
+            if len(self.lagged) > MAX_TRACKS:
                 self.lagged.clear()
-            mean = self.driven[key]
+            stay, mean = _remaining_share(lag), self.driven[key]
             place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
             if lever:
                 turns = ACCELERATION_STEPS[self.log.held]
@@ -102,17 +150,9 @@ class TiltHistory:
                     turns * FINE_LAG_STEP_S
                 ) ** 2
                 place -= lever / BallPlate.gravity * bend
-            self.lagged[lag, *key, lever] = place
-        found = self.lagged[lag, *key, lever]
-        # a mean stands in the middle of its step; what follows it slowly is right at its end
-        early = (
-            FINE_LAG_STEP_S * (0.5 + stay / (1 - stay)) - lag if lag < 5 * FINE_LAG_STEP_S else 0.0
-        )
-        place = (time - self.time[1] + early) / FINE_LAG_STEP_S
-        place = np.minimum(np.maximum(place, 0.0), len(found) - 1.001)
-        low = place.astype(int)
-        first = found.take(low)
-        return np.asarray(first + (place - low) * (found.take(low + 1) - first))
+            covered = cumulative_trapezoid(place, dx=FINE_LAG_STEP_S, initial=0)
+            self.lagged[lag, *key, lever] = place, covered
+        return self.lagged[lag, *key, lever]
 
     def _average_steps(self, drive: tuple[float, ...]) -> Array:
         """Its mean in each fine step in swings, so that no command's time is rounded to a step."""
