@@ -24,6 +24,7 @@ from twin.identify.plain_model import (
     AxisFitting,
     add_drive_effects,
     cross_validate,
+    find_significance,
     fit_axis,
     predict_axis,
     prediction_times,
@@ -50,6 +51,7 @@ class AxisSelection:
         optional_parameters: Fitted if they reduce the prediction error, unless requested.
         accepted_error_share: A parameter is accepted if it reduces the error of cross-validation to
             this share.
+        min_term_stds: Standard deviations of a parameter from zero below which it is not tried.
         accepted_drive_error_share: The same for dead band, play or slew: a hand resembles them.
         max_drive_error_m: Accept dead band, play or slew only below this error: a touched plate, or
             a ball that sticks, resembles them.
@@ -66,6 +68,7 @@ class AxisSelection:
     shorter_window_shares: tuple[float, ...] = (0.5, 0.32)
     optional_parameters: tuple[str, ...] = ("camber", "viscous")
     accepted_error_share: float = 0.9
+    min_term_stds: float = 3.0
     accepted_drive_error_share: float = 0.8
     max_drive_error_m: float = 0.01
     conditional_scatter_share: float = 0.5
@@ -397,14 +400,19 @@ def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, 
     """The fit with the optional parameters that reduce the prediction error, and notes on them."""
     own = chosen = fit.problem.names
     longest, notes = selection.window_s, list[str]()
-    share = 1.0 if fit.problem.drift else selection.accepted_error_share
+    candidates = [name for name in selection.optional_parameters if name not in own]
+    share = 1.0
+    if not fit.problem.drift:
+        share, least = selection.accepted_error_share, selection.min_term_stds
+        candidates = [each for each in candidates if find_significance(fit, each) > least]
+    if not candidates:
+        return fit, notes
     best = cross_validate(fit, chosen, longest)
-    for name in selection.optional_parameters:
-        if name not in chosen:
-            error = cross_validate(fit, (*chosen, name), longest)
-            if error < share * best:
-                notes.append(_describe_gained(name, error, best))
-                chosen, best = (*chosen, name), error
+    for name in candidates:
+        error = cross_validate(fit, (*chosen, name), longest)
+        if error < share * best:
+            notes.append(_describe_gained(name, error, best))
+            chosen, best = (*chosen, name), error
     return fit.refit(fit.log, chosen, longest) if chosen != own else fit, notes
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from controllers.arrays import Array, Mask
@@ -169,6 +170,16 @@ class Linearisation(NamedTuple):
         """That of some of the windows."""
         r, by_start, by_parameter = (part[:, which] for part in self[:3])
         return Linearisation(r, by_start, by_parameter, self.prior)
+
+    def select(self, candidates: NDArray[np.intp]) -> Linearisation:
+        """That of some of the candidates."""
+        r, by_start, by_parameter = (part[candidates] for part in self[:3])
+        return Linearisation(r, by_start, by_parameter, self.prior)
+
+    def replace_at(self, candidates: NDArray[np.intp], new: Linearisation, better: Mask) -> None:
+        """Overwrite those of some candidates by those of the better ones of others."""
+        for part, other in zip(self[:3], new[:3], strict=True):
+            part[candidates] = other[better]
 
     def start_step(self, damping: Array) -> Array:
         """The damped Gauss-Newton step of the starts alone, shape (4, C, W).
@@ -392,6 +403,7 @@ class StepControl:
         min_damping: Smallest damping.
         damping_decrease: Factor by which damping is divided after a step that reduces the cost.
         damping_increase: Factor by which it is multiplied after any other.
+        drops_idle: Whether a candidate that has converged is left as it is while others move.
     """
 
     cost_tolerance: float = 1e-5
@@ -400,6 +412,7 @@ class StepControl:
     min_damping: float = 1e-6
     damping_decrease: float = 5.0
     damping_increase: float = 8.0
+    drops_idle: bool = False
 
 
 STEP_CONTROL = StepControl()
@@ -449,12 +462,11 @@ class Minimum(NamedTuple):
     def best(self, count: int) -> Minimum:
         """The best of its candidates."""
         best = np.argsort(self.cost)[:count]
-        r, by_start, by_parameter = (part[best] for part in self.linearisation[:3])
         return self._replace(
             theta=self.theta[best],
             starts=self.starts[:, best],
             cost=self.cost[best],
-            linearisation=Linearisation(r, by_start, by_parameter, self.linearisation.prior),
+            linearisation=self.linearisation.select(best),
         )
 
 
@@ -533,43 +545,46 @@ def minimise(
     """
     least, most = problem.bounds
     mean, precision = problem.known
+    theta, starts = theta.copy(), starts.copy()
     current = problem.linearise(theta, starts)
     cost = problem.cost(current.r) + (theta - mean) ** 2 @ precision
     damping = np.full(len(theta), control.initial_damping)
     eye = np.eye(len(problem.names))
     idle = np.zeros(len(theta), dtype=int)
-    steps = 0
+    every, steps = np.arange(len(theta)), 0
     while steps < step_limit and (idle < patience).any():
         steps += 1
+        at = np.flatnonzero(idle < patience) if control.drops_idle else every
+        here = current if len(at) == len(theta) else current.select(at)
+        now, damped_by = theta[at], damping[at]
         # starts that a step would throw too far are held back with the parameters
-        free, follow = current.eliminate_starts(np.maximum(damping - 1.0, 0.0))
+        free, follow = here.eliminate_starts(np.maximum(damped_by - 1.0, 0.0))
         r, J = free[..., 0], free[..., 1:]  # noqa: N806
-        weighted = np.swapaxes(J * problem.weights(current.r)[..., None, None], -1, -2)
+        weighted = np.swapaxes(J * problem.weights(here.r)[..., None, None], -1, -2)
         normal = (weighted @ J).sum(axis=1) + np.diag(precision)
-        slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (theta - mean))[..., None]
+        slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (now - mean))[..., None]
         # what stands at a bound and would go beyond stays there, and the others know it
-        held = ((theta <= least) & (slope[..., 0] > 0)) | ((theta >= most) & (slope[..., 0] < 0))
+        held = ((now <= least) & (slope[..., 0] > 0)) | ((now >= most) & (slope[..., 0] < 0))
         slope = np.where(held[..., None], 0.0, slope)
         normal = np.where(held[..., None] | held[..., None, :], 0.0, normal)
         # Marquardt's scaling by the diagonal, so that no unit matters
         scale = np.diagonal(normal, axis1=-2, axis2=-1)[..., None] * eye
-        damped = normal + damping[:, None, None] * scale + 1e-9 * eye
-        moved = np.clip(theta - np.linalg.solve(damped, slope)[..., 0], least, most)
-        step = np.concatenate((np.ones((len(theta), 1)), moved - theta), axis=-1)
-        shifted = starts - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
+        damped = normal + damped_by[:, None, None] * scale + 1e-9 * eye
+        moved = np.clip(now - np.linalg.solve(damped, slope)[..., 0], least, most)
+        step = np.concatenate((np.ones((len(at), 1)), moved - now), axis=-1)
+        shifted = starts[:, at] - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
         if polish:
             shifted = fit_starts(problem, moved, shifted, polish)
         trial = problem.linearise(moved, shifted)
         trial_cost = problem.cost(trial.r) + (moved - mean) ** 2 @ precision
-        better = trial_cost < cost
-        gained = better & (cost - trial_cost >= control.cost_tolerance * cost)
-        theta = np.where(better[:, None], moved, theta)
-        starts = np.where(better[:, None], shifted, starts)
-        current = trial.where(better, current)
-        cost = np.where(better, trial_cost, cost)
-        decreased = np.maximum(damping / control.damping_decrease, control.min_damping)
-        damping = np.where(better, decreased, damping * control.damping_increase)
-        idle = np.where(gained, 0, idle + 1)
+        better = trial_cost < cost[at]
+        gained = better & (cost[at] - trial_cost >= control.cost_tolerance * cost[at])
+        to = at[better]
+        theta[to], starts[:, to], cost[to] = moved[better], shifted[:, better], trial_cost[better]
+        current.replace_at(to, trial, better)
+        decreased = np.maximum(damped_by / control.damping_decrease, control.min_damping)
+        damping[at] = np.where(better, decreased, damped_by * control.damping_increase)
+        idle[at] = np.where(gained, 0, idle[at] + 1)
     reason = CONVERGED if idle[np.argmin(cost)] >= patience else STEP_LIMIT_REACHED
     return Minimum(theta, starts, cost, current, Termination(reason, steps, step_limit))
 

@@ -34,6 +34,7 @@ from twin.identify.least_squares import (
     FitProblem,
     Linearisation,
     SampleWindows,
+    StepControl,
     fit_starts,
     fit_starts_from_scratch,
     minimise,
@@ -67,6 +68,9 @@ SMOOTH_PARAMETERS = ("gain", "dead_time", "lag", "level")
 """Parameters that are always fitted; the lag of a measured angle is 0."""
 
 
+AXIS_STEP_CONTROL = StepControl(drops_idle=True)
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisSearch:
     """Constants of the fit of an axis from no first guess.
@@ -80,6 +84,7 @@ class AxisSearch:
         disturbed_residual_ratio: Residual of such a window over the usual one above which a hand,
             the rim or a false sample disturbed it: no longer window contains it.
         outlier_ratio: Residual of a sample over that of its window above which it is left out.
+        control: Constants of the minimisations.
     """
 
     friction_guesses_m_s2: tuple[float, ...] = (0.0, 0.02, 0.08, 0.25)
@@ -89,6 +94,7 @@ class AxisSearch:
     first_window_s: float = 0.8
     disturbed_residual_ratio: float = 5.0
     outlier_ratio: float = 4.0
+    control: StepControl = AXIS_STEP_CONTROL
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +111,12 @@ class DriveSearch:
         dead_band_residual_share: A dead band is fitted if its regression leaves no more than this
             share of what an ideal drive leaves.
         fitted_dead_bands: Number of dead bands with the smallest residuals that are fitted.
+        white_share: Scatter of successive residuals, as a share of that of white ones, above which
+            the residuals are white. It exceeds ``accepted_residual_share``: no drive effect would
+            then be accepted.
+        bracket_stds: Standard deviations by which windows must reject a value for the profile of a
+            fit with white residuals to end there.
+        bracket_llr: Smallest rise of the cost at such an end.
         scan: Constants of that regression.
     """
 
@@ -117,6 +129,9 @@ class DriveSearch:
     accepted_residual_share: float = 0.9
     dead_band_residual_share: float = 0.7
     fitted_dead_bands: int = 8
+    white_share: float = 0.95
+    bracket_stds: float = 6.0
+    bracket_llr: float = 40.0
     scan: DeadBandScan = DEAD_BAND_SCAN
 
 
@@ -390,6 +405,23 @@ class Profile:
     how: DriveSearch = AXIS_FITTING.drives
     draws: int = BOOTSTRAP.draws
 
+    @property
+    def closed(self) -> tuple[bool, bool]:
+        """Whether the windows reject the first and the last value, so that no draw takes them."""
+        rise = self.costs[[0, -1]] - self.costs[self.own]
+        spread = np.sqrt((rise**2).sum(axis=1))
+        least = np.maximum(self.how.bracket_stds * spread, self.how.bracket_llr)
+        below, above = (rise.sum(axis=1) > least).tolist()
+        return below, above
+
+    def join(self, other: Profile) -> Profile:
+        """That of the values of both."""
+        theta = np.concatenate((self.theta, other.theta))
+        order = np.argsort(theta[:, self.names.index(self.name)])
+        costs = np.concatenate((self.costs, other.costs))[order]
+        own = int(np.flatnonzero(order == self.own)[0])
+        return replace(self, theta=theta[order], costs=costs, own=own)
+
     @cached_property
     def deviations(self) -> dict[str, Array]:
         """Deviations of the parameters in the best fits of windows drawn at random, (draws,) each.
@@ -435,7 +467,7 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
             lags = np.sqrt(np.maximum(guess[:, names.index("lag")] ** 2 + more, 1e-6))
             guess = _with_lags(guess, names, lags, problem.delays)
         begin = fit_starts(problem, guess, starts[:, source], 4)
-        found = minimise(problem, guess, begin, 12, 2, 2)
+        found = minimise(problem, guess, begin, 12, 2, 2, fit.how.search.control)
         each = problem.costs(found.linearisation.r)
         better = each.sum(axis=1, keepdims=True) < costs.sum(axis=1, keepdims=True)
         theta, costs = np.where(better, found.theta, theta), np.where(better, each, costs)
@@ -444,8 +476,30 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
     return Profile(name, names, theta, costs, own, known, fit.how.drives)
 
 
+def profile_bracket(fit: AxisFit, name: str, values: Sequence[float]) -> Profile:
+    """As ``profile``; if the fit explains its log, only of the values that no window set rejects.
+
+    The cost is taken to rise beyond a value that is rejected.
+    """
+    if not fit.explained:
+        return profile(fit, name, values)
+    own = int(np.abs(np.subtract(values, fit.value(name))).argmin())
+    low, high, more = max(own - 2, 0), own + 3, 2
+    found = profile(fit, name, values[low:high])
+    while True:
+        below, above = found.closed
+        fresh = [*([] if below else values[max(low - more, 0) : low])]
+        fresh += [] if above else values[high : high + more]
+        if not fresh:
+            return found
+        low, high, more = max(low - more, 0), high + more, 2 * more
+        found = found.join(profile(fit, name, fresh))
+
+
 def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew."""
+    if fit.explained:
+        return fit
     tilt, windows, how = fit.problem.tilt, fit.problem.windows, fit.how.drives
     dead_time, lag = fit.value("dead_time"), fit.value("lag")
     rest = residual_by_dead_band(tilt, windows, dead_time, lag, how.scan)
@@ -480,7 +534,7 @@ def profile_drives(fit: AxisFit) -> AxisFit:
     }
     # of a lever that is given
     tried.setdefault("lever", [-2 * how.height_std_m, 0.0, 2 * how.height_std_m])
-    return replace(fit, profiles=tuple(profile(fit, *each) for each in tried.items()))
+    return replace(fit, profiles=tuple(profile_bracket(fit, *each) for each in tried.items()))
 
 
 @dataclass(frozen=True)
@@ -517,6 +571,23 @@ class AxisFit(Fit[AxisProblem]):
                     own.identifiable[at] = True
                     own.degrees_of_freedom[at] = max(len(self.problem.windows) - len(names), 1)
         return own
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residuals are as white as noise, so that no other model leaves much less.
+
+        The scatter of differences of successive residuals, over the square root of two, is that of
+        the residuals themselves if they are white, and smaller if a motion is left in them.
+        """
+        windows = self.problem.windows
+        there = windows.weight[..., 0] > 0
+        r = np.where(there, self.found.linearisation.r[0, :, : there.shape[1]], np.nan)
+        r = r / np.where(there, windows.weight[..., 0], 1.0)
+        size, change = (
+            float(np.median(np.nanmedian(np.abs(each), axis=1)))
+            for each in (r, np.diff(r, axis=1) / np.sqrt(2))
+        )
+        return change > self.how.drives.white_share * size
 
     def refit(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
@@ -597,8 +668,10 @@ def _fit_from_guesses(
     base = windows.weight
     windows = replace(windows, weight=base / sigma)
     problem = replace(problem, windows=windows, longest=longest + SAMPLE_BIN_S)
-    found = minimise(problem, guess, fit_starts_from_scratch(problem, guess, 4), 8, 6).best(3)
-    found = minimise(problem, found.theta, found.starts, 20, 6)
+    control = how.search.control
+    starts = fit_starts_from_scratch(problem, guess, 4)
+    found = minimise(problem, guess, starts, 8, 3, control=control).best(3)
+    found = minimise(problem, found.theta, found.starts, 20, 3, control=control)
     for last in (False, False, True):
         best = found.best(1)
         theta, starts = best.theta, best.starts
@@ -611,7 +684,8 @@ def _fit_from_guesses(
         if last and "lag" in problem.names:
             theta = _add_lag_guesses(theta, problem.names, problem.delays, how.search.lag_guesses_s)
             starts = fit_starts(problem, theta, np.repeat(starts, len(theta), axis=1), 4)
-        found = minimise(problem, theta, starts, 30 if last else 6, 4, 2 if last else 0)
+        steps, polish = (30, 2) if last else (6, 0)
+        found = minimise(problem, theta, starts, steps, 3, polish, control)
     return AxisFit(problem, found.best(1), log, sigma, how=how)
 
 
@@ -785,6 +859,18 @@ def prediction_times(log: AxisLog, fitting: AxisFitting = AXIS_FITTING) -> Array
     return tries[
         (before >= max(3, 0.5 * how.lead_s / step)) & (past >= 0.5 * history / step) & (after > 0)
     ]
+
+
+def find_significance(fit: AxisFit, name: str) -> float:
+    """Standard deviations by which the next step of a fit would move a parameter from zero."""
+    problem = replace(fit.problem, names=(*fit.problem.names, name))
+    theta = np.append(fit.found.theta, [[0.0]], axis=1)
+    line = problem.linearise(theta, fit.found.starts)
+    free, _ = line.eliminate_starts()
+    each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
+    normal = each[1:, 1:] + np.diag(problem.known[1] + 1e-9)
+    inverse = np.linalg.inv(normal)
+    return float(abs((inverse @ each[1:, 0])[-1]) / np.sqrt(inverse[-1, -1]))
 
 
 def cross_validate(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
