@@ -345,7 +345,15 @@ def identify(
         rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_axes(
-                logs, held, fitted, factor, progress=advance, ball=rig, on=on, heights=heights
+                logs,
+                held,
+                fitted,
+                factor,
+                progress=advance,
+                ball=rig,
+                on=on,
+                heights=heights,
+                say=report.note,
             )
         return Identified(found)
     from twin.identify.twin_model import identify_twin

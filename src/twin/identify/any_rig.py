@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,8 +12,8 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify import verdicts
 from twin.identify.command_model import PROFILED_EFFECTS
+from twin.identify.first_look import look_first
 from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
@@ -30,6 +30,18 @@ from twin.identify.plain_model import (
     prediction_times,
     profile_drives,
     refit_for_prediction,
+)
+from twin.identify.verdicts import (
+    BOUNDED_VERDICT,
+    GIVEN_VERDICT,
+    IDENTIFIED_VERDICT,
+    MAX_CORRELATION,
+    NOT_IDENTIFIABLE,
+    Identification,
+    ParameterVerdict,
+    Predicted,
+    corner_frequency,
+    score,
 )
 
 AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
@@ -79,12 +91,16 @@ class AxisSelection:
 
 
 AXIS_SELECTION = AxisSelection()
+PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
+"""Processor time of the fit of an axis in s, and the same for each second of its log."""
+SLOWEST_RATIO = 4
+"""Factor on it for a log that the model does not explain."""
 MAX_SCALE_ERROR = 0.2
 """Largest error of the tilt per command that `rig.cam_error_percent` takes, as a share."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisIdentification(verdicts.Identification):
+class AxisIdentification(Identification):
     """Parameters and predictions that logs of any rig give.
 
     Attributes:
@@ -114,7 +130,7 @@ class AxisIdentification(verdicts.Identification):
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
         lines |= self.over
-        given = [each.value or 0.0 for each in self.verdicts if each.word == verdicts.GIVEN_VERDICT]
+        given = [each.value or 0.0 for each in self.verdicts if each.word == GIVEN_VERDICT]
         height = float(np.mean(given)) - ball.radius / self.factor if given else -1.0
         if height >= 0:  # laws take no surface below the axes
             lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as it was told"
@@ -135,7 +151,7 @@ class AxisIdentification(verdicts.Identification):
             alone = any(told.get(f"lag_{axis}") for axis in "xy")
             remark = "" if alone else "  # its sum with the dead time is known, neither by itself"
             lines["rig.plate_lag"] = f"{mean['lag']:.6g}{remark}"
-            lines["plant.servo.bandwidth_hz"] = f"{verdicts.corner_frequency(mean['lag']):.6g}"
+            lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
         if level := known.get("level"):
@@ -149,11 +165,12 @@ def identify_axes(
     held: list[AnyLog] | float,
     names: tuple[str, ...] = (),
     factor: float | None = None,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Callable[[float, str], None] = lambda *_: None,
     ball: BallPlate | None = None,
     on: str | Path | None = None,
     heights: tuple[float, float] | None = None,
     selection: AxisSelection = AXIS_SELECTION,
+    say: Callable[[str], object] = lambda _: None,
 ) -> AxisIdentification:
     """Fit the plain model to logs and predict others, or their last share.
 
@@ -164,11 +181,12 @@ def identify_axes(
             and what pays.
         factor: Share of gravity that accelerates the ball: 3/5 of a hollow one, 5/7 of a solid one;
             None for that of the ball.
-        progress: Called with the share of the work done.
+        progress: Called with the share of the work done, and what is done next.
         ball: That of the rig; None for the thesis's.
         on: The rig, or file of parameters, that the parameters are to lie over.
         heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
         selection: Constants of the fit.
+        say: Called with lines on the work: what is fitted, how long that takes, and a first look.
 
     Raises:
         LogError: If no axis can be identified: what each of them lacks.
@@ -181,47 +199,53 @@ def identify_axes(
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
-    found: list[verdicts.ParameterVerdict] = []
+    found: list[ParameterVerdict] = []
     reasons = []
     first = logs[0]
     parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
     known = [part[0] for part in parts]
     others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
+    count = len(first.unit)
+    joined = {
+        axis: _join_logs([part[axis] for part in known], levers.get(axis), selection)
+        for axis in first.unit
+    }
+    say(_describe_work(joined, first.source))
+    for axis, log in joined.items():
+        if look := look_first(log):
+            say(look.describe(axis, first.unit[axis]))
     for k, (axis, unit) in enumerate(first.unit.items()):
+        log = joined[axis]
+
+        def advance(share: float, stage: str, k: int = k, axis: str = axis) -> None:
+            progress((k + share) / count, f"{axis}: {stage}")
+
         try:
-            log = _join_logs([part[axis] for part in known], levers.get(axis), selection)
             _check_excited(log)
-            fit, about = _select_model(log, names, selection)
+            fit, about = _select_model(log, names, selection, advance)
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             lost = [
                 (_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH_PARAMETERS, "friction")
             ]
-            found += [verdicts.ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
+            found += [ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
             continue
         fits[axis] = fit
         found += _assess_axis(fit, axis, unit, selection)
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
-        progress((k + 1) / len(first.unit))
     if not fits:
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
-    there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
-    unseen = {
-        axis: _join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
-    }
-    # all axes from the same times on: the ball is seen along both or neither
-    first_axis = next(iter(unseen.values()), None)
-    at = np.zeros(0) if first_axis is None else prediction_times(first_axis, selection.fitting)
-    tried = {axis: predict_axis(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
-    scores = [verdicts.score({axis: each}) for axis, each in tried.items()]
+    tried = _predict_held_out(fits, others, levers, selection)
+    scores = [score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
-        scores.append(verdicts.score(tried))
+        scores.append(score(tried))
     seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
     gains = {each.name.rpartition("_")[2]: each for each in found if each.name.startswith("gain_")}
     told = (_describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad")
+    progress(1.0, "")
     return AxisIdentification(
         source=first.source,
         seconds=seconds,
@@ -238,7 +262,41 @@ def identify_axes(
     )
 
 
-def _describe_gain(axis: str, gain: verdicts.ParameterVerdict, factor: float) -> str:
+def _predict_held_out(
+    fits: Mapping[str, AxisFit],
+    others: Sequence[Mapping[str, AxisLog]],
+    levers: Mapping[str, float],
+    selection: AxisSelection,
+) -> dict[str, Predicted]:
+    """Axis to predictions of what was held out, from the same times of all axes."""
+    there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
+    unseen = {
+        axis: _join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
+    }
+    if not unseen:
+        return {}
+    # the ball is seen along both axes or neither
+    at = prediction_times(next(iter(unseen.values())), selection.fitting)
+    if not len(at):
+        return {}
+    return {axis: predict_axis(log, fits[axis], at) for axis, log in unseen.items()}
+
+
+def _describe_work(logs: Mapping[str, AxisLog], source: str) -> str:
+    """What will be fitted, and roughly how long it takes on one processor."""
+    seconds = {
+        axis: float(np.ptp(log.sampled)) if len(log.sampled) else 0.0 for axis, log in logs.items()
+    }
+    least = sum(PROCESSOR_S + PROCESSOR_S_PER_S * each for each in seconds.values())
+    longest, axes = max(seconds.values(), default=0.0), " and ".join(logs)
+    return (
+        f"{source}: fitting {longest:.0f} s along {axes}: about "
+        f"{least:.0f} s of processor time, up to {SLOWEST_RATIO * least:.0f} s if the model does "
+        "not explain the log"
+    )
+
+
+def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
     """How much of what a ball does an axis does, in a sentence.
 
     No factor is advised from a gain that is not identified.
@@ -249,7 +307,7 @@ def _describe_gain(axis: str, gain: verdicts.ParameterVerdict, factor: float) ->
         factor: Share of gravity that accelerates the ball.
     """
     sign, push = dict(AXIS_SIGNS)[axis], factor * BallPlate().gravity
-    if gain.word != verdicts.IDENTIFIED_VERDICT or gain.value is None:
+    if gain.word != IDENTIFIED_VERDICT or gain.value is None:
         known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
         return (
             f"{axis}: how far a command tilts the plate is not known from this log{known}, so no "
@@ -318,9 +376,19 @@ def _check_excited(log: AxisLog) -> None:
 
 
 def _select_model(
-    log: AxisLog, names: tuple[str, ...], selection: AxisSelection = AXIS_SELECTION
+    log: AxisLog,
+    names: tuple[str, ...],
+    selection: AxisSelection = AXIS_SELECTION,
+    advance: Callable[[float, str], None] = lambda *_: None,
 ) -> tuple[AxisFit, list[str]]:
-    """The fit with the parameters that reduce the prediction error, and notes on it."""
+    """The fit with the parameters that reduce the prediction error, and notes on it.
+
+    Args:
+        log: The axis.
+        names: Parameters that are fitted next to the usual ones; none for those that are useful.
+        selection: Constants.
+        advance: Called with the share of the work done, and what is done next.
+    """
     notes: list[str] = []
     longest, fitting = selection.window_s, selection.fitting
     requested = tuple(
@@ -331,6 +399,7 @@ def _select_model(
         *(requested or ("friction",)),
     )
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
+    advance(0.0, "windows from no first guess")
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
     fits = [fit_axis(each, chosen, longest, delays, fitting) for each in ways]
     # of all windows, not the usual one, in which the ball may rest; 10 um are as good as none
@@ -351,10 +420,14 @@ def _select_model(
             "command differ by, and is negative where that is more"
         )
     if not names:
+        advance(0.15, "dead band, play and slew of the drives")
         fit, drive_notes = _add_useful_drives(fit, selection)
+        advance(0.45, "camber and viscous friction")
         fit, term_notes = _add_useful_terms(fit, selection)
         notes += drive_notes + term_notes
+    advance(0.55, "likelihood profiles")
     fit = profile_drives(fit)
+    advance(0.7, "shorter windows, and predictions")
     shorter = [share * longest for share in selection.shorter_window_shares]
     try:
         brief = tuple(fit.refit(fit.log, fit.problem.names, each) for each in shorter)
@@ -433,7 +506,7 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
 
 def _assess_axis(
     fit: AxisFit, axis: str, unit: str, selection: AxisSelection = AXIS_SELECTION
-) -> list[verdicts.ParameterVerdict]:
+) -> list[ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     rows = (*names, *(("delay",) if "lag" in names else ()))
@@ -452,7 +525,7 @@ def _assess_axis(
         high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
         word = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
-    alike = np.abs(own.correlation) > verdicts.MAX_CORRELATION
+    alike = np.abs(own.correlation) > MAX_CORRELATION
     drawn = own.draws - own.value
     unfitted = [each for each in fit.profiles if each.name not in names]
     hidden = {each.name: each.deviations[each.name] for each in unfitted}
@@ -463,7 +536,7 @@ def _assess_axis(
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     swing = fit.problem.tilt.scale
     scales = {"gain": 1 / swing, "dead_band": swing, "play": swing}
-    found: list[verdicts.ParameterVerdict] = []
+    found: list[ParameterVerdict] = []
     for k, name in enumerate(rows):
         others = [
             PLAIN_PARAMETERS[each].key for j, each in enumerate(names) if alike[k, j] and j != k
@@ -482,17 +555,17 @@ def _assess_axis(
         probability = selection.bound_probability
         least, most = np.quantile(moved, (1 - probability, probability)).tolist()
         by, about = scales.get(name, 1.0), PLAIN_PARAMETERS[name]
-        none = verdicts.ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
+        none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
         none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
         found.append(_to_slew_rate(none, swing) if name == "slew" else none)
     if (lever := fit.log.lever) is not None:
-        word, half = verdicts.GIVEN_VERDICT, 2 * selection.fitting.drives.height_std_m
+        word, half = GIVEN_VERDICT, 2 * selection.fitting.drives.height_std_m
         given = replace(found.pop(), value=lever, word=word, why=LEVER_HELD_MESSAGE)
         found.append(replace(given, low=lever - half, high=lever + half))
     return found
 
 
-def _to_slew_rate(found: verdicts.ParameterVerdict, swing: float) -> verdicts.ParameterVerdict:
+def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
     """A verdict of seconds by swing, as it is fitted, as one of a rate."""
     low, value, high = (
         swing / end if end else None for end in (found.high, found.value, found.low)
@@ -523,7 +596,7 @@ def _assess_parameter(
     reasons: Sequence[str],
     alike: Sequence[str],
     scale: float = 1.0,
-) -> verdicts.ParameterVerdict:
+) -> ParameterVerdict:
     """The verdict of one parameter.
 
     Args:
@@ -537,7 +610,7 @@ def _assess_parameter(
     """
     (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
-        return verdicts.ParameterVerdict.unknown(about, name, "the log does not show it")
+        return ParameterVerdict.unknown(about, name, "the log does not show it")
     low = max(min(low, value - about.floor), least)
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
@@ -556,19 +629,13 @@ def _assess_parameter(
     elif not at_bound and not narrow:
         why.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most
-    word = (
-        verdicts.IDENTIFIED_VERDICT
-        if narrow
-        else verdicts.BOUNDED_VERDICT
-        if bounded
-        else verdicts.NOT_IDENTIFIABLE
-    )
-    return verdicts.ParameterVerdict(
+    word = IDENTIFIED_VERDICT if narrow else BOUNDED_VERDICT if bounded else NOT_IDENTIFIABLE
+    return ParameterVerdict(
         about=about,
         name=name,
         value=scale * value,
         low=scale * low,
         high=scale * high,
-        word=verdicts.NOT_IDENTIFIABLE if nothing else word,
+        word=NOT_IDENTIFIABLE if nothing else word,
         why="; ".join(why),
     )

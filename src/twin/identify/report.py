@@ -12,7 +12,17 @@ from matplotlib.figure import Figure
 from twin.base import page
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits
 from twin.base.writing import write_whole
-from twin.identify import verdicts
+from twin.identify.verdicts import (
+    BOUNDED_VERDICT,
+    GIVEN_VERDICT,
+    IDENTIFIED_VERDICT,
+    NOT_IDENTIFIABLE,
+    PREDICTOR_NAMES,
+    REJECTED_VERDICT,
+    HoldOutPrediction,
+    Identification,
+    PredictionScore,
+)
 from twin.run.picture import RUN_COLOURS, styled_figure
 
 TABLE_HEADINGS = ("parameter", "value", "95 % interval", "unit", "verdict")
@@ -22,17 +32,17 @@ WORSE_SHARE = 0.02
 """Share by which a model may be worse than a baseline before it is said."""
 
 
-def sentences(found: verdicts.Identification) -> list[str]:
+def sentences(found: Identification) -> list[str]:
     """The verdict in words: what the model predicts, then what is known of its parameters."""
     words = list(_describe_scores(found))
     for said, among in (
-        ("Identified", (verdicts.IDENTIFIED_VERDICT,)),
+        ("Identified", (IDENTIFIED_VERDICT,)),
         (
             "Best fit only, as the log rejects the model: no error is known",
-            (verdicts.REJECTED_VERDICT,),
+            (REJECTED_VERDICT,),
         ),
-        ("Not identified from this log", (verdicts.BOUNDED_VERDICT, verdicts.NOT_IDENTIFIABLE)),
-        ("Held as it was told, not fitted", (verdicts.GIVEN_VERDICT,)),
+        ("Not identified from this log", (BOUNDED_VERDICT, NOT_IDENTIFIABLE)),
+        ("Held as it was told, not fitted", (GIVEN_VERDICT,)),
     ):
         labels = [each.label for each in found.verdicts if each.word in among]
         names = [each.removeprefix("plant.").removeprefix("sensors.") for each in labels]
@@ -41,7 +51,7 @@ def sentences(found: verdicts.Identification) -> list[str]:
     return [*words, *found.remarks]
 
 
-def _describe_scores(found: verdicts.Identification) -> Iterator[str]:
+def _describe_scores(found: Identification) -> Iterator[str]:
     """The errors of the model on the held-out part, in sentences."""
     ahead = found.how.horizons_s.index(1.0)
     for each in found.scores:
@@ -62,7 +72,7 @@ def _describe_scores(found: verdicts.Identification) -> Iterator[str]:
             f"{off['without friction']:.1f} mm without friction; a ball that stays "
             f"{off['stays']:.1f} mm, one that goes on {off['goes on']:.1f} mm."
         )
-        models = [who for who in verdicts.PREDICTOR_NAMES[:2] if who in each.median]
+        models = [who for who in PREDICTOR_NAMES[:2] if who in each.median]
         lost = {who: list(_name_lost_horizons(each, who, found.how)) for who in models}
         if both := [one for one in lost["model"] if all(one in rest for rest in lost.values())]:
             yield (
@@ -77,9 +87,7 @@ def _describe_scores(found: verdicts.Identification) -> Iterator[str]:
         yield "Nothing was held out that could judge it: no stretch of 3 s with the ball seen."
 
 
-def _name_lost_horizons(
-    score: verdicts.PredictionScore, who: str, how: verdicts.HoldOutPrediction
-) -> Iterator[str]:
+def _name_lost_horizons(score: PredictionScore, who: str, how: HoldOutPrediction) -> Iterator[str]:
     """The horizons at which the better of the baselines has a smaller error than a model."""
     for k, ahead in enumerate(how.horizons_s):
         best = min(BASELINE_NAMES, key=lambda who: score.median[who][k])
@@ -88,7 +96,7 @@ def _name_lost_horizons(
             yield f"after {ahead:g} s {BASELINE_NAMES[best]} is {1000 * least:.1f} mm off"
 
 
-def _held_out(found: verdicts.Identification) -> list[Block]:
+def _held_out(found: Identification) -> list[Block]:
     """What was held out, as a table and in pictures."""
     if not found.scores:
         return []
@@ -122,7 +130,7 @@ def _held_out(found: verdicts.Identification) -> list[Block]:
     return out
 
 
-def rows(found: verdicts.Identification) -> list[tuple[str, str, str, str, str]]:
+def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
     """The verdicts as a table under ``HEADS``."""
     return [
         (each.label, digits(each.value), each.interval, each.about.unit, each.word)
@@ -130,9 +138,7 @@ def rows(found: verdicts.Identification) -> list[tuple[str, str, str, str, str]]
     ]
 
 
-def parameters(
-    found: verdicts.Identification, words: tuple[str, ...] = (verdicts.IDENTIFIED_VERDICT,)
-) -> str:
+def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED_VERDICT,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     lines = [
         f"# Identified from {found.source} by `ballplate identify`; a scenario takes it by",
@@ -142,13 +148,13 @@ def parameters(
     return "\n".join(lines) + "\n"
 
 
-def write(found: verdicts.Identification, folder: Path) -> None:
+def write(found: Identification, folder: Path) -> None:
     """Write report.html and, if anything was identified, parameters.toml.
 
     Raises:
         RecordError: If a file cannot be written.
     """
-    good = any(each.word == verdicts.IDENTIFIED_VERDICT for each in found.verdicts)
+    good = any(each.word == IDENTIFIED_VERDICT for each in found.verdicts)
     verdicts = [(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)]
     blocks: list[Block] = [
         Verdict(sentences(found), good),
@@ -168,7 +174,7 @@ def write(found: verdicts.Identification, folder: Path) -> None:
         write_whole(folder / "parameters.toml", parameters(found))
 
 
-def _prediction_figure(found: verdicts.Identification) -> Figure:
+def _prediction_figure(found: Identification) -> Figure:
     axes = found.predictions
     with styled_figure(12, 4) as figure:
         panels = figure.subplots(1, len(axes), squeeze=False)[0]
@@ -181,7 +187,7 @@ def _prediction_figure(found: verdicts.Identification) -> Figure:
             seen = np.isfinite(each.ball[w])
             ahead = each.ahead[w, seen]
             panel.plot(ahead, 1000 * each.ball[w, seen], ".", color="0.4", ms=4)
-            models = [who for who in verdicts.PREDICTOR_NAMES[:3] if who in each.by]
+            models = [who for who in PREDICTOR_NAMES[:3] if who in each.by]
             for colour, who in zip(RUN_COLOURS, models, strict=False):
                 panel.plot(ahead, 1000 * each.by[who][w, seen], color=colour, label=who)
             panel.axvline(0, color="0.5", lw=1, ls=":")
