@@ -117,6 +117,8 @@ def look_first(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
     free, direction, at_ends = _find_free_windows(log, time, ball, half, how)
     rows = np.flatnonzero(free)[:: max(1, half // 4)]
     left = fftconvolve(ball - ball.mean(), bend, "same")[rows]
+    if len(rows) < 4 * how.min_windows:
+        return None
     noise = np.median(np.abs(np.diff(log.ball, n=2))) / (0.6745 * np.sqrt(6))
     step = float(np.median(np.diff(log.sampled)))
     share = noise**2 * (bend @ bend) * max(step / h, 1.0) / max(float(np.var(left)), 1e-30)

@@ -114,9 +114,8 @@ class DriveSearch:
         white_share: Scatter of successive residuals, as a share of that of white ones, above which
             the residuals are white. It exceeds ``accepted_residual_share``: no drive effect would
             then be accepted.
-        bracket_stds: Standard deviations by which windows must reject a value for the profile of a
-            fit with white residuals to end there.
-        bracket_llr: Smallest rise of the cost at such an end.
+        bracket_rise: Smallest rise of the cost in any draw at which the profile of a fit with white
+            residuals ends: twice the largest difference of Gumbel numbers of a lever.
         scan: Constants of that regression.
     """
 
@@ -130,8 +129,7 @@ class DriveSearch:
     dead_band_residual_share: float = 0.7
     fitted_dead_bands: int = 8
     white_share: float = 0.95
-    bracket_stds: float = 6.0
-    bracket_llr: float = 40.0
+    bracket_rise: float = 32.0
     scan: DeadBandScan = DEAD_BAND_SCAN
 
 
@@ -407,12 +405,15 @@ class Profile:
 
     @property
     def closed(self) -> tuple[bool, bool]:
-        """Whether the windows reject the first and the last value, so that no draw takes them."""
+        """Whether no draw of the windows takes the first value, and none the last."""
         rise = self.costs[[0, -1]] - self.costs[self.own]
-        spread = np.sqrt((rise**2).sum(axis=1))
-        least = np.maximum(self.how.bracket_stds * spread, self.how.bracket_llr)
-        below, above = (rise.sum(axis=1) > least).tolist()
+        least = (self._draw_weights() @ rise.T).min(axis=0)
+        below, above = (least > self.how.bracket_rise).tolist()
         return below, above
+
+    def _draw_weights(self) -> Array:
+        """Weights of the windows in each draw, shape (draws, W)."""
+        return np.random.default_rng(1).exponential(size=(self.draws, self.costs.shape[1]))
 
     def join(self, other: Profile) -> Profile:
         """That of the values of both."""
@@ -579,13 +580,11 @@ class AxisFit(Fit[AxisProblem]):
         The scatter of differences of successive residuals, over the square root of two, is that of
         the residuals themselves if they are white, and smaller if a motion is left in them.
         """
-        windows = self.problem.windows
-        there = windows.weight[..., 0] > 0
-        r = np.where(there, self.found.linearisation.r[0, :, : there.shape[1]], np.nan)
-        r = r / np.where(there, windows.weight[..., 0], 1.0)
+        rows = zip(self.found.linearisation.r[0], self.problem.windows.weight[..., 0], strict=True)
+        each = [row[: len(weight)][weight > 0] / weight[weight > 0] for row, weight in rows]
         size, change = (
-            float(np.median(np.nanmedian(np.abs(each), axis=1)))
-            for each in (r, np.diff(r, axis=1) / np.sqrt(2))
+            float(np.median([np.median(np.abs(part)) for part in parts if len(part)]))
+            for parts in (each, [np.diff(row) / np.sqrt(2) for row in each])
         )
         return change > self.how.drives.white_share * size
 
