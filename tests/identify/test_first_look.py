@@ -19,7 +19,7 @@ from twin.identify.plain_model import (
     AxisProblem,
     find_significance,
     profile,
-    profile_bracket,
+    profile_contenders,
 )
 from twin.identify.windows import axis_windows, spans
 
@@ -120,7 +120,7 @@ def test_residuals_of_the_true_model_are_white_and_those_of_another_are_not(fit)
 
 def test_a_bracket_of_a_profile_gives_the_draws_of_the_whole_profile(fit):
     values = [0.0, 0.02, 0.04, 0.08, 0.2, 0.4]
-    whole, part = profile(fit, "dead_band", values), profile_bracket(fit, "dead_band", values)
+    whole, part = profile(fit, "dead_band", values), profile_contenders(fit, "dead_band", values)
     assert len(part.theta) < len(whole.theta)
     for name in ("gain", "dead_band"):
         ends = (np.quantile(each.deviations[name], (0.05, 0.95)) for each in (whole, part))

@@ -63,6 +63,7 @@ class AxisSelection:
         optional_parameters: Fitted if they reduce the prediction error, unless requested.
         accepted_error_share: A parameter is accepted if it reduces the error of cross-validation to
             this share.
+        max_compared_s: Longest part of a log by which models are compared.
         min_term_stds: Standard deviations of a parameter from zero below which it is not tried.
         accepted_drive_error_share: The same for dead band, play or slew: a hand resembles them.
         max_drive_error_m: Accept dead band, play or slew only below this error: a touched plate, or
@@ -80,6 +81,7 @@ class AxisSelection:
     shorter_window_shares: tuple[float, ...] = (0.5, 0.32)
     optional_parameters: tuple[str, ...] = ("camber", "viscous")
     accepted_error_share: float = 0.9
+    max_compared_s: float = 75.0
     min_term_stds: float = 3.0
     accepted_drive_error_share: float = 0.8
     max_drive_error_m: float = 0.01
@@ -455,8 +457,10 @@ def _add_useful_drives(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit,
     They are compared next to all other optional parameters.
     """
     own, longest = fit.problem.names, selection.window_s
+    if fit.explained:
+        return fit, []
     every = tuple(dict.fromkeys((*own, *selection.optional_parameters)))
-    rich = fit.refit(fit.log, every, longest)
+    rich = fit.refit(_take_middle(fit.log, selection), every, longest)
     found = add_drive_effects(rich, longest)
     new = tuple(name for name in PROFILED_EFFECTS if name in found.problem.names)
     if not new:
@@ -480,13 +484,21 @@ def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, 
         candidates = [each for each in candidates if find_significance(fit, each) > least]
     if not candidates:
         return fit, notes
-    best = cross_validate(fit, chosen, longest)
+    middle = replace(fit, log=_take_middle(fit.log, selection))
+    best = cross_validate(middle, chosen, longest)
     for name in candidates:
-        error = cross_validate(fit, (*chosen, name), longest)
+        error = cross_validate(middle, (*chosen, name), longest)
         if error < share * best:
             notes.append(_describe_gained(name, error, best))
             chosen, best = (*chosen, name), error
     return fit.refit(fit.log, chosen, longest) if chosen != own else fit, notes
+
+
+def _take_middle(log: AxisLog, selection: AxisSelection) -> AxisLog:
+    """The part of a log by which models are compared."""
+    begin, end = float(log.sampled[0]), float(log.sampled[-1])
+    left = max(0.0, (end - begin - selection.max_compared_s) / 2)
+    return log.between(begin + left, end - left + 1e-6)
 
 
 def _describe_gained(what: str, error: float, without: float) -> str:

@@ -15,9 +15,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.optimize import least_squares
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.identify.command_model import (
@@ -114,6 +115,7 @@ class DriveSearch:
         white_share: Scatter of successive residuals, as a share of that of white ones, above which
             the residuals are white. It exceeds ``accepted_residual_share``: no drive effect would
             then be accepted.
+        scan_windows: Number of windows by which values of a profile are rejected in advance.
         bracket_rise: Smallest rise of the cost in any draw at which the profile of a fit with white
             residuals ends: twice the largest difference of Gumbel numbers of a lever.
         scan: Constants of that regression.
@@ -129,6 +131,7 @@ class DriveSearch:
     dead_band_residual_share: float = 0.7
     fitted_dead_bands: int = 8
     white_share: float = 0.95
+    scan_windows: int = 20
     bracket_rise: float = 32.0
     scan: DeadBandScan = DEAD_BAND_SCAN
 
@@ -143,6 +146,9 @@ class PredictionFit:
         huber_error_m: Error of a prediction above which its cost is linear, not quadratic.
         max_delay_and_lag_s: Largest dead time and lag of this fit.
         initial_values: First guesses of this fit, next to those of a fit to windows.
+        max_predictions: Largest number of predictions by which fits are compared.
+        continued_guesses: Number of the best first guesses that are continued.
+        max_evaluations: Largest number of evaluations from each.
     """
 
     level_history_s: float = 2.4
@@ -154,6 +160,9 @@ class PredictionFit:
         ("lag", 0.1),
         ("friction", 0.03),
     )
+    max_predictions: int = 150
+    continued_guesses: int = 2
+    max_evaluations: int = 40
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -415,6 +424,15 @@ class Profile:
         """Weights of the windows in each draw, shape (draws, W)."""
         return np.random.default_rng(1).exponential(size=(self.draws, self.costs.shape[1]))
 
+    @property
+    def contenders(self) -> Mask:
+        """Values that some draw of the windows may take, and those next to them, shape (K,)."""
+        drawn = self._draw_weights() @ self.costs.T
+        rise = (drawn - drawn.min(axis=1, keepdims=True)).min(axis=0)
+        near = maximum_filter1d((rise < self.how.bracket_rise).astype(np.uint8), 3, mode="nearest")
+        near[self.own] = 1
+        return np.asarray(near > 0)
+
     def join(self, other: Profile) -> Profile:
         """That of the values of both."""
         theta = np.concatenate((self.theta, other.theta))
@@ -477,13 +495,25 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
     return Profile(name, names, theta, costs, own, known, fit.how.drives)
 
 
-def profile_bracket(fit: AxisFit, name: str, values: Sequence[float]) -> Profile:
-    """As ``profile``; if the fit explains its log, only of the values that no window set rejects.
+def profile_contenders(fit: AxisFit, name: str, values: Sequence[float]) -> Profile:
+    """As ``profile``, without values that no draw takes.
 
-    The cost is taken to rise beyond a value that is rejected.
+    If the fit explains its log, the cost is taken to rise beyond a value that is rejected. If not,
+    a part of the windows rejects values; all of the windows reject them more clearly.
     """
-    if not fit.explained:
-        return profile(fit, name, values)
+    if fit.explained:
+        return _profile_bracket(fit, name, values)
+    how, count = fit.how.drives, len(fit.problem.windows)
+    if count >= 2 * how.scan_windows:
+        some = np.zeros(count, bool)
+        some[np.linspace(0, count - 1, how.scan_windows).round().astype(int)] = True
+        takes = profile(fit.take(some), name, values).contenders
+        values = [value for value, taken in zip(values, takes, strict=True) if taken]
+    return profile(fit, name, values)
+
+
+def _profile_bracket(fit: AxisFit, name: str, values: Sequence[float]) -> Profile:
+    """As ``profile``, of the values about the fitted one up to the first that no draw takes."""
     own = int(np.abs(np.subtract(values, fit.value(name))).argmin())
     low, high, more = max(own - 2, 0), own + 3, 2
     found = profile(fit, name, values[low:high])
@@ -535,7 +565,7 @@ def profile_drives(fit: AxisFit) -> AxisFit:
     }
     # of a lever that is given
     tried.setdefault("lever", [-2 * how.height_std_m, 0.0, 2 * how.height_std_m])
-    return replace(fit, profiles=tuple(profile_bracket(fit, *each) for each in tried.items()))
+    return replace(fit, profiles=tuple(profile_contenders(fit, *each) for each in tried.items()))
 
 
 @dataclass(frozen=True)
@@ -587,6 +617,15 @@ class AxisFit(Fit[AxisProblem]):
             for parts in (each, [np.diff(row) / np.sqrt(2) for row in each])
         )
         return change > self.how.drives.white_share * size
+
+    def take(self, which: Mask) -> AxisFit:
+        """That of some of the windows, with the same parameters."""
+        problem = replace(self.problem, windows=self.problem.windows.take(which))
+        found = self.found._replace(
+            starts=self.found.starts[:, :, which],
+            linearisation=self.found.linearisation.take(which),
+        )
+        return replace(self, problem=problem, found=found)
 
     def refit(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
@@ -784,7 +823,7 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
 def _fit_predictions(fit: AxisFit) -> Array:
     """Parameters fitted to predictions of the log, the best of several prediction_times, (1, P)."""
     how, hold_out = fit.how.prediction, fit.how.hold_out
-    problem = _prediction_problem(fit.log, fit, prediction_times(fit.log, fit.how))
+    problem = _prediction_problem(fit.log, fit, _thin_prediction_times(fit.log, fit.how))
     windows, names = problem.windows, problem.names
     known = windows.time < hold_out.lead_s
     part = replace(windows, weight=windows.weight * known[..., None])
@@ -811,6 +850,8 @@ def _fit_predictions(fit: AxisFit) -> Array:
     first = [[usual.get(name, 0.0) for name in names]]
     first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
     begun_at = np.clip(first, least + 1e-6, most - 1e-6)
+    # the soft L1 loss of scipy's least squares
+    initial = (np.sqrt(1 + off(begun_at) ** 2) - 1).sum(axis=-1)
     tried = [
         least_squares(
             off,
@@ -819,9 +860,9 @@ def _fit_predictions(fit: AxisFit) -> Array:
             bounds=(least, most),
             x_scale=step,
             loss="soft_l1",
-            max_nfev=100,
+            max_nfev=how.max_evaluations,
         )
-        for guess in begun_at
+        for guess in begun_at[np.argsort(initial)[: how.continued_guesses]]
     ]
     found = min(tried, key=lambda each: float(each.cost))
     return np.asarray(found.x[None])
@@ -860,6 +901,12 @@ def prediction_times(log: AxisLog, fitting: AxisFitting = AXIS_FITTING) -> Array
     ]
 
 
+def _thin_prediction_times(log: AxisLog, fitting: AxisFitting) -> Array:
+    """Evenly chosen ones of the prediction times, at most as many as fits are compared by, s."""
+    every = prediction_times(log, fitting)
+    return every[:: max(1, -(-len(every) // fitting.prediction.max_predictions))]
+
+
 def find_significance(fit: AxisFit, name: str) -> float:
     """Standard deviations by which the next step of a fit would move a parameter from zero."""
     problem = replace(fit.problem, names=(*fit.problem.names, name))
@@ -895,7 +942,7 @@ def _median_error(fit: AxisFit, log: AxisLog, *, follow: bool = False) -> float:
 
     Infinite if one is unknown; of the better of model and level that is followed.
     """
-    at = prediction_times(log, fit.how)
+    at = _thin_prediction_times(log, fit.how)
     if len(at) < 3:
         return np.inf
     found = predict_axis(log, fit, at, follow=follow)
