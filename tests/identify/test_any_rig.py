@@ -23,7 +23,7 @@ from twin.identify.any_rig import (
     _select_model,
     identify_axes,
 )
-from twin.identify.command_model import TiltHistory, drive_path
+from twin.identify.command_model import TiltHistory, apply_play, drive_path
 from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
 from twin.identify.logs import (
     AnyLog,
@@ -360,23 +360,29 @@ def test_the_way_of_a_ball_that_is_seen_along_both_axes_is_known_across_each(tmp
 def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     time = np.arange(6.0)
     sent = np.array([0.0, 1.0, 1.4, 2.0, 1.0, 1.0])
-    at, place = drive_path(time, sent, 0.5, 0.0, 0.0)
+    at, place = drive_path(time, sent, 0.5, 0.0)
     assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx([0, 1, 1, 2, 1, 1])
     for first, places in (
         (0.4, [0.0, 1.4, 1.4, 2.4, 1.4, 1.4]),
         (0.6, [0.6, 1.6, 1.6, 2.6, 1.6, 1.6]),
     ):
-        at, place = drive_path(time, sent + first, 0.5, 0.0, 0.0)  # it stood at 0 before
+        at, place = drive_path(time, sent + first, 0.5, 0.0)  # it stood at 0 before
         assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(places)
-    at, place = drive_path(time, sent, 0.0, 0.1, 0.0)
-    assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(
-        [0, 0.9, 1.3, 1.9, 1.1, 1.1]
-    )
-    at, place = drive_path(time, sent, 0.5, 0.0, 2.0)  # half a unit a second
+    assert apply_play(sent, 0.1) == pytest.approx([0, 0.9, 1.3, 1.9, 1.1, 1.1])
+    at, place = drive_path(time, sent, 0.5, 2.0)  # half a unit a second
     assert np.interp(np.arange(1.0, 6.0), at, place) == pytest.approx([0, 0.5, 1.0, 1.5, 1.0])
     log = AxisLog(time, sent, True, time, 0 * time)
     ramp = TiltHistory(log, 1.0).at(np.array([1.5, 2.5]), 0.0, 0.5, 0.0, 2.0, 0.0)
     assert ramp == pytest.approx([0.25, 0.75], abs=1e-9)
+
+
+def test_play_is_behind_the_lag_of_its_drive():
+    time = np.arange(0.0, 3.0, 0.02)
+    log = AxisLog(time, np.where(time >= 1.0, 0.5, 0.0), True, time, 0 * time)
+    at = np.array([1.05, 1.2, 2.0])
+    drive = 0.5 * (1 - np.exp(-(at - 1.0) / 0.1))
+    found = TiltHistory(log, 1.0).at(at, 0.1, 0.0, 0.2, 0.0, 0.0)
+    assert found == pytest.approx(np.maximum(drive - 0.2, 0.0), abs=0.005)
 
 
 @pytest.mark.parametrize("lag", [0.0, 5e-5, 1e-3, 0.02, 0.2])
@@ -401,6 +407,24 @@ def test_dead_band_and_slew_of_the_drives_are_found_and_bias_nothing_else(axis_o
     assert any("fitted along" in note for note in found.notes)
     without = ({"dead_band", "slew"} - {name}).pop()
     assert told[f"{without}_x"].value is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "other"), [("play", "dead_band"), ("dead_band", "play")])
+def test_play_and_dead_band_are_told_apart_over_twelve_rigs(axis_of, name, other):
+    """Both models are fitted to the same windows; the truth is of 0.8 degrees, half of it play."""
+    width = np.radians(0.8)
+    truth = {"play": width / 2, "dead_band": width}[name]
+    held = 0
+    for seed in range(12):
+        rig = {"gain": 7.007, "dead_time": 0.05, "lag": 0.05, "friction": 0.025}
+        log = axis_of(seed, rate=60.0, seconds=36, pixel=0.0, noise=4e-4, **rig, **{name: width})
+        _, told = of_axis(log)
+        right, wrong = told[f"{name}_x"], told[f"{other}_x"]
+        held += right.low <= truth <= right.high
+        assert wrong.word != IDENTIFIED_VERDICT
+        assert wrong.low <= 0.0
+    assert held >= 10
 
 
 @pytest.mark.long

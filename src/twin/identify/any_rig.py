@@ -12,7 +12,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.command_model import PROFILED_EFFECTS
+from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
 from twin.identify.first_look import look_first
 from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
@@ -460,7 +460,8 @@ def _add_useful_drives(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit,
     if fit.explained:
         return fit, []
     every = tuple(dict.fromkeys((*own, *selection.optional_parameters)))
-    rich = fit.refit(_take_middle(fit.log, selection), every, longest)
+    middle = _take_middle(fit, selection)
+    rich = middle.refit(middle.log, every, longest)
     found = add_drive_effects(rich, longest)
     new = tuple(name for name in PROFILED_EFFECTS if name in found.problem.names)
     if not new:
@@ -470,7 +471,8 @@ def _add_useful_drives(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit,
     if error >= selection.max_drive_error_m or not useful:
         return fit, []
     what = " and ".join(PLAIN_PARAMETERS[name].key for name in new)
-    return found.refit(fit.log, (*own, *new), longest), [_describe_gained(what, error, without)]
+    whole = replace(found, problem=replace(found.problem, tilt=fit.problem.tilt))
+    return whole.refit(fit.log, (*own, *new), longest), [_describe_gained(what, error, without)]
 
 
 def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, list[str]]:
@@ -484,7 +486,7 @@ def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, 
         candidates = [each for each in candidates if find_significance(fit, each) > least]
     if not candidates:
         return fit, notes
-    middle = replace(fit, log=_take_middle(fit.log, selection))
+    middle = _take_middle(fit, selection)
     best = cross_validate(middle, chosen, longest)
     for name in candidates:
         error = cross_validate(middle, (*chosen, name), longest)
@@ -494,11 +496,17 @@ def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, 
     return fit.refit(fit.log, chosen, longest) if chosen != own else fit, notes
 
 
-def _take_middle(log: AxisLog, selection: AxisSelection) -> AxisLog:
-    """The part of a log by which models are compared."""
+def _take_middle(fit: AxisFit, selection: AxisSelection) -> AxisFit:
+    """The fit with the part of its log by which models are compared, and the commands of that."""
+    log, longest = fit.log, selection.max_compared_s
     begin, end = float(log.sampled[0]), float(log.sampled[-1])
-    left = max(0.0, (end - begin - selection.max_compared_s) / 2)
-    return log.between(begin + left, end - left + 1e-6)
+    if end - begin <= longest:
+        return fit
+    begin, end = (begin + end - longest) / 2, (begin + end + longest) / 2
+    sent = (log.time > begin - selection.pause_between_logs_s) & (log.time < end + 1.0)
+    part = replace(log.between(begin, end), time=log.time[sent], tilt=log.tilt[sent])
+    tilt = TiltHistory(part, fit.problem.tilt.scale)
+    return replace(fit, log=part, problem=replace(fit.problem, tilt=tilt))
 
 
 def _describe_gained(what: str, error: float, without: float) -> str:
@@ -537,6 +545,11 @@ def _assess_axis(
         high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
         word = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
+    rivals = {PLAIN_PARAMETERS[name].key: value for name, value in fit.rivals}
+    for k, name in enumerate(rows):
+        if rivals and name in DRIVE_EFFECTS:
+            low[k] = 0.0
+            reasons[k].append(f"{' or '.join(rivals)} instead explains the log nearly as well")
     alike = np.abs(own.correlation) > MAX_CORRELATION
     drawn = own.draws - own.value
     unfitted = [each for each in fit.profiles if each.name not in names]
@@ -563,18 +576,36 @@ def _assess_axis(
         verdict = _assess_parameter(_about(name, unit), f"{name}_{axis}", *told)
         verdict = _to_slew_rate(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
-    for name, moved in hidden.items():  # how much of it there may be
-        probability = selection.bound_probability
-        least, most = np.quantile(moved, (1 - probability, probability)).tolist()
-        by, about = scales.get(name, 1.0), PLAIN_PARAMETERS[name]
-        none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
-        none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
-        found.append(_to_slew_rate(none, swing) if name == "slew" else none)
+    found += [_bound_hidden(fit, name, axis, moved, selection) for name, moved in hidden.items()]
     if (lever := fit.log.lever) is not None:
         word, half = GIVEN_VERDICT, 2 * selection.fitting.drives.height_std_m
         given = replace(found.pop(), value=lever, word=word, why=LEVER_HELD_MESSAGE)
         found.append(replace(given, low=lever - half, high=lever + half))
     return found
+
+
+def _bound_hidden(
+    fit: AxisFit, name: str, axis: str, moved: Array, selection: AxisSelection
+) -> ParameterVerdict:
+    """The verdict of a parameter that is not fitted: how much of it there may be.
+
+    Args:
+        fit: Of the axis.
+        name: The parameter.
+        axis: x or y.
+        moved: Draws of it.
+        selection: Constants.
+    """
+    probability, swing = selection.bound_probability, fit.problem.tilt.scale
+    least, most = np.quantile(moved, (1 - probability, probability)).tolist()
+    by, about = swing if name in {"dead_band", "play"} else 1.0, PLAIN_PARAMETERS[name]
+    none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
+    if (value := dict(fit.rivals).get(name)) is not None:
+        most = max(most, (1 + about.relative) * value)
+        why = f"it explains the log nearly as well as the fitted effect; {about.experiment}"
+        none = replace(none, why=why)
+    none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
+    return _to_slew_rate(none, swing) if name == "slew" else none
 
 
 def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:

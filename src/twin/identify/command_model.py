@@ -25,20 +25,16 @@ ACCELERATION_STEPS = (20, 4)
 make none; and behind a lag, a step of the simulation."""
 
 
-def drive_path(
-    time: Array, sent: Array, dead_band: float, play: float, slew: float
-) -> tuple[Array, Array]:
-    """Where a drive takes the plate, as corners of straight lines: times in s and places.
+def drive_path(time: Array, sent: Array, dead_band: float, slew: float) -> tuple[Array, Array]:
+    """Where a drive goes, as corners of straight lines: times in s and places.
 
-    It stands until the command is further off than the dead band, then goes all the way, but for
-    half the play, which its last move leaves behind. Before the first command it stood at none, as
-    where a rig is switched on.
+    It stands until the command is further off than the dead band, then goes all the way. Before
+    the first command it stood at zero, as where a rig is switched on.
 
     Args:
         time: When each command begins, s, shape (K,).
         sent: The commands, shape (K,).
         dead_band: In their unit.
-        play: Half its width.
         slew: Seconds by unit of the commands.
     """
     place = goal = float(sent[0]) if abs(sent[0]) > dead_band else 0.0
@@ -47,7 +43,7 @@ def drive_path(
     for now, wanted, left in rows:
         corners.append((now, place))
         if place != goal or abs(wanted - place) > dead_band:
-            goal = min(max(place, wanted - play), wanted + play)
+            goal = wanted
         takes = slew * abs(goal - place)
         if takes > left:
             place += (goal - place) * left / takes
@@ -55,6 +51,23 @@ def drive_path(
             corners.append((now + takes, goal))
             place = goal
     return tuple(np.array(corners).T)
+
+
+def apply_play(track: Array, half: float) -> Array:
+    """Where a plate is behind a gap: it stands until the drive, at a track, has crossed it.
+
+    Args:
+        track: Of the drive, shape (K,).
+        half: Half the width of the gap, in its unit.
+    """
+    place, places = 0.0, []
+    for low, high in zip((track - half).tolist(), (track + half).tolist(), strict=True):
+        if low > place:
+            place = low
+        elif high < place:
+            place = high
+        places.append(place)
+    return np.array(places)
 
 
 MAX_TRACKS = 40
@@ -105,9 +118,9 @@ class TiltHistory:
         Args:
             time: Seconds.
             lag: Time constant.
-            drive: Dead band, half the play and slew of ``drive_path``, in swings, and the lever
-                in m beyond a given one, by which the plate's acceleration moves the ball; none for
-                an ideal one.
+            drive: Dead band of the drive, half the play behind it and its slew, in swings, and the
+                lever in m beyond a given one, by which the plate's acceleration moves the ball; none
+                for an ideal one.
         """
         return _interpolate(self._track(lag, drive)[0], self._place(time, lag))
 
@@ -134,15 +147,18 @@ class TiltHistory:
 
     def _track(self, lag: float, drive: tuple[float, ...]) -> tuple[Array, Array]:
         """Tilt behind a lag at every fine step, and its integral."""
-        key, lever = (drive[:3], drive[3]) if drive else ((0.0, 0.0, 0.0), 0.0)
+        dead_band, play, slew, lever = drive or (0.0, 0.0, 0.0, 0.0)
         lever += self.log.lever or 0.0
+        key, whole = (dead_band, slew), (lag, dead_band, play, slew, lever)
         if key not in self.driven:
             self.driven[key] = self._average_steps(key)
-        if (lag, *key, lever) not in self.lagged:
+        if whole not in self.lagged:
             if len(self.lagged) > MAX_TRACKS:
                 self.lagged.clear()
             stay, mean = _remaining_share(lag), self.driven[key]
             place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
+            if play:
+                place = apply_play(place, play)
             if lever:
                 turns = ACCELERATION_STEPS[self.log.held]
                 wide = np.pad(place, turns, "edge")
@@ -151,8 +167,8 @@ class TiltHistory:
                 ) ** 2
                 place -= lever / BallPlate.gravity * bend
             covered = cumulative_trapezoid(place, dx=FINE_LAG_STEP_S, initial=0)
-            self.lagged[lag, *key, lever] = place, covered
-        return self.lagged[lag, *key, lever]
+            self.lagged[whole] = place, covered
+        return self.lagged[whole]
 
     def _average_steps(self, drive: tuple[float, ...]) -> Array:
         """Its mean in each fine step in swings, so that no command's time is rounded to a step."""

@@ -23,6 +23,7 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.identify.command_model import (
     DEAD_BAND_SCAN,
+    DRIVE_EFFECTS,
     PROFILED_EFFECTS,
     DeadBandScan,
     TiltHistory,
@@ -109,6 +110,8 @@ class DriveSearch:
         height_std_m: Standard deviation of a given height.
         accepted_residual_share: A drive effect is accepted if it reduces the residual to this
             share.
+        rival_residual_ratio: A drive effect is a rival of the accepted one if its residual is less
+            than this multiple: the two are not distinguished.
         dead_band_residual_share: A dead band is fitted if its regression leaves no more than this
             share of what an ideal drive leaves.
         fitted_dead_bands: Number of dead bands with the smallest residuals that are fitted.
@@ -128,6 +131,7 @@ class DriveSearch:
     interpolated_points: int = 200
     height_std_m: float = 0.005
     accepted_residual_share: float = 0.9
+    rival_residual_ratio: float = 1.5
     dead_band_residual_share: float = 0.7
     fitted_dead_bands: int = 8
     white_share: float = 0.95
@@ -528,32 +532,58 @@ def _profile_bracket(fit: AxisFit, name: str, values: Sequence[float]) -> Profil
 
 
 def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
-    """The fit with what the log shows of its drives: dead band, play, slew."""
+    """The fit with what the log shows of its drives: dead band, play, slew.
+
+    Each is fitted alone, and the one that explains the same windows best is taken; others that
+    explain them nearly as well are its rivals. Then further ones are added to it.
+    """
     if fit.explained:
         return fit
-    tilt, windows, how = fit.problem.tilt, fit.problem.windows, fit.how.drives
+    tilt, how = fit.problem.tilt, fit.how.drives
     dead_time, lag = fit.value("dead_time"), fit.value("lag")
-    rest = residual_by_dead_band(tilt, windows, dead_time, lag, how.scan)
+    rest = residual_by_dead_band(tilt, fit.problem.windows, dead_time, lag, how.scan)
     few = np.argsort(rest)[: how.fitted_dead_bands]
     few = np.sort(few[rest[few] < how.dead_band_residual_share * rest[0]])
-    bands = np.array(how.scan.dead_bands)[few]
-    for name in tilt.tried:
-        values, other = (
-            bands if name == "dead_band" else np.array(PLAIN_PARAMETERS[name].tried),
-            fit,
-        )
-        while values.any():
-            found = profile(other, name, values)
-            theta = found.theta[[found.costs.sum(axis=1).argmin()]]
-            more = replace(fit.problem, names=found.names)
-            begun_from = replace(other, problem=more, found=fit.found._replace(theta=theta))
-            last = other.problem.names == found.names
-            other = begun_from.refit(fit.log, found.names, longest)
-            fitted = theta[0, found.names.index(name)]
-            values = np.zeros(0) if last else np.array(how.value_factors) * fitted
-        if other.value(name) and other.sigma < how.accepted_residual_share * fit.sigma:
-            fit = other
-    return fit
+    values = {name: np.array(PLAIN_PARAMETERS[name].tried) for name in tilt.tried}
+    if "dead_band" in values:
+        values["dead_band"] = np.array(how.scan.dead_bands)[few]
+
+    def accepts(other: AxisFit, name: str, own: AxisFit) -> bool:
+        return other.value(name) > 0 and other.sigma < how.accepted_residual_share * own.sigma
+
+    alone = {name: _fit_effect(fit, name, each, longest) for name, each in values.items()}
+    alone = {name: each for name, each in alone.items() if accepts(each, name, fit)}
+    if not alone:
+        return fit
+    best = min(alone, key=lambda name: alone[name].sigma)
+    found = alone[best]
+    rivals = tuple(
+        (name, each.value(name))
+        for name, each in alone.items()
+        if {name, best} <= set(DRIVE_EFFECTS)
+        and name != best
+        and each.sigma < how.rival_residual_ratio * found.sigma
+    )
+    for name, each in values.items():
+        if name != best and not found.explained:
+            other = _fit_effect(found, name, each, longest)
+            found = other if accepts(other, name, found) else found
+    return replace(found, rivals=rivals)
+
+
+def _fit_effect(fit: AxisFit, name: str, values: Array, longest: float) -> AxisFit:
+    """The fit with a drive effect, first at the best of some values, then about the fitted one."""
+    other = fit
+    while values.any():
+        found = profile(other, name, values)
+        theta = found.theta[[found.costs.sum(axis=1).argmin()]]
+        more = replace(fit.problem, names=found.names)
+        begun_from = replace(other, problem=more, found=fit.found._replace(theta=theta))
+        last = other.problem.names == found.names
+        other = begun_from.refit(fit.log, found.names, longest)
+        fitted = theta[0, found.names.index(name)]
+        values = np.zeros(0) if last else np.array(fit.how.drives.value_factors) * fitted
+    return other
 
 
 def profile_drives(fit: AxisFit) -> AxisFit:
@@ -580,6 +610,8 @@ class AxisFit(Fit[AxisProblem]):
         windowed: The fit to windows of one level, where this one predicts better.
         briefer: The fits to shorter windows, if there are enough.
         profiles: Likelihood profiles of drive effects and lever.
+        rivals: Drive effects, with their values in swings, that explain the log nearly as well in
+            the place of the fitted one.
         how: All constants of the fit.
     """
 
@@ -590,6 +622,7 @@ class AxisFit(Fit[AxisProblem]):
     windowed: AxisFit | None = None
     briefer: tuple[AxisFit, ...] = ()
     profiles: tuple[Profile, ...] = ()
+    rivals: tuple[tuple[str, float], ...] = ()
     how: AxisFitting = AXIS_FITTING
 
     def estimate(self) -> Estimate:
@@ -632,7 +665,7 @@ class AxisFit(Fit[AxisProblem]):
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
         found = _fit_from_guesses(log, problem, longest, guess, self.sigma, self.how)
-        return replace(found, noise=self.noise, pushed=self.pushed)
+        return replace(found, noise=self.noise, pushed=self.pushed, rivals=self.rivals)
 
 
 def fit_axis(
