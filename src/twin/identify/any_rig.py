@@ -213,9 +213,10 @@ def identify_axes(
         for axis in first.unit
     }
     say(_describe_work(joined, first.source))
-    for axis, log in joined.items():
-        if look := look_first(log):
+    for axis, look in ((axis, look_first(log)) for axis, log in joined.items()):
+        if look:
             say(look.describe(axis, first.unit[axis]))
+            notes += look.describe_ends(axis)
     for k, (axis, unit) in enumerate(first.unit.items()):
         log = joined[axis]
 

@@ -119,8 +119,8 @@ class TiltHistory:
             time: Seconds.
             lag: Time constant.
             drive: Dead band of the drive, half the play behind it and its slew, in swings, and the
-                lever in m beyond a given one, by which the plate's acceleration moves the ball; none
-                for an ideal one.
+                lever in m beyond a given one, by which the plate's acceleration moves the ball;
+                none for an ideal one.
         """
         return _interpolate(self._track(lag, drive)[0], self._place(time, lag))
 
