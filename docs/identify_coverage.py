@@ -20,7 +20,7 @@ import numpy as np
 from controllers.arrays import Array
 from docs.pages import HERE, filled, kept, wilson, write
 from twin.cli.output import progress
-from twin.identify.any_rig import identify_any
+from twin.identify.any_rig import identify_axes
 from twin.identify.logs import read_any, wanted_columns
 from twin.study.work import digest
 
@@ -86,6 +86,7 @@ def axis_log(
     damped: float = 0.45,
     dead_band: float = 0.0,
     slew: float = 0.0,
+    play: float = 0.0,
     lever: float = 0.0,
     angles: bool = False,
 ) -> tuple[Array, Array, Array]:
@@ -94,7 +95,8 @@ def axis_log(
     Forward Euler at 0.25 ms. Half of the dead time lies between command and servo, half in the
     camera. The controller, PD on noisy readings, follows steps and sines that change with the seed.
     The servo stands until a command is further off than its dead band in rad, then goes all the
-    way at its slew in rad/s (0 for at once). The plate's angular acceleration moves the ball as one
+    way at its slew in rad/s (0 for at once). Behind its lag the plate follows across a gap of the
+    width `play` in rad. The plate's angular acceleration moves the ball as one
     whose centre is above the plate's axis, by `lever` in m. `angles` logs the plate's in place of
     the commands.
     """
@@ -108,6 +110,7 @@ def axis_log(
     at = np.unique(at[at < steps])
     before, after = round(dead_time / 2 / h), round(dead_time / h) - round(dead_time / 2 / h)
     x, v, u, turning = 0.3 * swing * rng.standard_normal(), 0.0, 0.0, 0.0
+    plate = 0.0
     places, sent = np.zeros(steps), np.zeros(steps)
     command, reading, last, speed, place, goal = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     target, until = 0.0, 0.0
@@ -130,18 +133,19 @@ def axis_log(
             command = float(np.clip(command, -0.14, 0.14)) if excited else 0.0
             times.append(t)
             readings.append(reading)
-            commands.append(u if angles else command)
+            commands.append(plate if angles else command)
             frame += 1
         sent[k] = command
         wanted = sent[max(0, k - before)]
         goal = wanted if place != goal or abs(wanted - place) > dead_band else goal
         most = slew * h or math.inf
         place += min(max(goal - place, -most), most)
-        turned = h / lag * (place - u) if lag else place - u
-        u += turned
+        u += h / lag * (place - u) if lag else place - u
+        turned = min(max(plate, u - play / 2), u + play / 2) - plate
+        plate += turned
         v -= gain * lever / 9.81 * (turned / h - turning)
         turning = turned / h
-        a = gain * u + level + camber * x
+        a = gain * plate + level + camber * x
         if v == 0.0 and abs(a) <= friction:
             continue
         v = _after(h, v, a, friction)
@@ -168,7 +172,7 @@ def identified(seed: int) -> dict[str, Any]:
         still = np.zeros_like(time)
         rows = np.column_stack((time, ball, command, 1e-4 * np.sin(time), still))
         np.savetxt(file, rows, fmt="%.6g", delimiter=",", header="t,x,u,y,v", comments="")
-        found = identify_any([read_any(file, COLUMNS)], 1 / 3)
+        found = identify_axes([read_any(file, COLUMNS)], 1 / 3)
     own = (each for each in found.verdicts if each.name.endswith("_x"))
     told = {each.name[:-2]: (each.value, each.low, each.high, each.word) for each in own}
     score = found.scores[0]

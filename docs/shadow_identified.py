@@ -42,11 +42,11 @@ from docs.shadow_trials import (
 from twin.base.errors import TwinError
 from twin.base.jobs import cores, results
 from twin.cli.output import progress
-from twin.identify.judged import HORIZONS_S, IDENTIFIED_VERDICT, score
 from twin.identify.logs import Log
 from twin.identify.parameters import BALL_PARAMETERS, DEFAULT_PARAMETERS, FITTED_SHARE
 from twin.identify.report import parameters
-from twin.identify.twin_model import identify, replay_log
+from twin.identify.twin_model import identify_twin, replay_log
+from twin.identify.verdicts import HOLD_OUT, IDENTIFIED_VERDICT, score
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.alarms import likely
@@ -150,7 +150,7 @@ def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
         point: The truth, by the keys of the family.
     """
     try:
-        found = identify(log, DEFAULT_PARAMETERS)
+        found = identify_twin(log, DEFAULT_PARAMETERS)
     except TwinError as error:
         return {"why": str(error)}
     verdicts = {
@@ -164,7 +164,7 @@ def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
     theta = np.array([[usual.get(name, max(0.0, BALL_PARAMETERS[name].least)) for name in names]])
     nominal = replace(found.fit, found=found.fit.found._replace(theta=theta))
     off = score(replay_log(found.log.split(FITTED_SHARE)[1], nominal, 0.0)).median["model"]
-    at = HORIZONS_S.index(1.0)
+    at = HOLD_OUT.horizons_s.index(1.0)
     errors = {who: each[at] for who, each in found.scores[0].median.items()}
     return {
         "why": "",
@@ -205,7 +205,7 @@ def carry_out(numbers: Sequence[int]) -> list[dict[str, Any]]:
 def identified(log: Log, file: Path) -> list[str]:
     """What `ballplate identify` finds in a log, written to a file."""
     try:
-        found = identify(log, DEFAULT_PARAMETERS)
+        found = identify_twin(log, DEFAULT_PARAMETERS)
     except TwinError:
         return []
     file.write_text(parameters(found), encoding="utf-8")

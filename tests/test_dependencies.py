@@ -36,7 +36,7 @@ def changed(path):
         (TABLES, "src/twin/sim/plant/exact.py"),  # through several others
         (TABLES, "controllers/classical.py"),  # by name, through the catalog
         (TABLES, "models/ballplate.xml"),
-        (TRIALS, "src/twin/identify/search.py"),
+        (TRIALS, "src/twin/identify/least_squares.py"),
         (TRIALS, "scenarios/excite.toml"),
         (FMU, "tests/fmu/exercise.c"),
         (STUDIES, "src/twin/view/viewer.py"),  # starts the command line, which imports by name

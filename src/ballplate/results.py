@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from controllers.arrays import Array
     from twin.identify import logs
-    from twin.identify.judged import Identification, ParameterVerdict
+    from twin.identify.verdicts import Identification, ParameterVerdict
     from twin.run.metrics import Motion
     from twin.scenario.schema import Scenario
 
@@ -348,7 +348,7 @@ def identify(
         0.18 mm, identified
     """
     from twin.identify.logs import ball_factor, ball_heights, read_any, wanted_columns
-    from twin.identify.parameters import PLAIN_PARAMETERS, chosen
+    from twin.identify.parameters import PLAIN_PARAMETERS, choose_parameters
     from twin.scenario import load
 
     if isinstance(hold_out, float | int) and not 0 <= hold_out <= 0.8:
@@ -358,7 +358,7 @@ def identify(
     heights = None if ball_height is None else ball_heights(ball_height)
     report = reporter or default()
     if columns is not None:
-        from twin.identify.any_rig import identify_any
+        from twin.identify.any_rig import identify_axes
 
         wanted = wanted_columns(columns)
         logs = [read_any(path, wanted, separator) for path in _paths(log)]
@@ -367,14 +367,22 @@ def identify(
             if isinstance(hold_out, float | int)
             else [read_any(path, wanted, separator) for path in _paths(hold_out)]
         )
-        fitted = chosen(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
+        fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
         rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
-            found = identify_any(
-                logs, held, fitted, factor, progress=advance, ball=rig, on=on, heights=heights
+            found = identify_axes(
+                logs,
+                held,
+                fitted,
+                factor,
+                progress=advance,
+                ball=rig,
+                on=on,
+                heights=heights,
+                say=report.note,
             )
         return Identified(found)
-    from twin.identify.twin_model import identify as fit
+    from twin.identify.twin_model import identify_twin
 
     if alone := "on" if on else "ball_height" if heights else "":
         raise ScenarioError(f"{alone}: with columns only; a run knows its rig")
@@ -384,12 +392,12 @@ def identify(
             raise ScenarioError("log: give one; several are taken with columns only")
     if not isinstance(hold_out, float | int):
         raise ScenarioError("hold_out: must be 0 to 0.8; a second log is taken with columns only")
-    wanted_names = chosen(",".join(names) or None)
+    wanted_names = choose_parameters(",".join(names) or None)
     recorded = _read_recorded(log)
     if factor is not None:
         recorded = recorded.with_ball(factor)
     with report.progress(f"identifying from {recorded.source}", 1.0) as advance:
-        return Identified(fit(recorded, wanted_names, 1 - hold_out, advance))
+        return Identified(identify_twin(recorded, wanted_names, 1 - hold_out, advance))
 
 
 def _paths(logs: str | Path | Result | Sequence[str | Path]) -> list[Path]:

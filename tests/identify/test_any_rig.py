@@ -16,22 +16,15 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import LogError, ScenarioError, TwinError
 from twin.cli.understand import identify as command
 from twin.identify.any_rig import (
-    PlainIdentification,
-    _chosen,
+    AxisIdentification,
+    _assess_axis,
+    _describe_gain,
     _join_logs,
-    _share,
-    _verdicts,
-    identify_any,
+    _select_model,
+    identify_axes,
 )
-from twin.identify.drives import TiltHistory, drive_path
-from twin.identify.judged import (
-    BOUNDED_VERDICT,
-    HORIZONS_S,
-    IDENTIFIED_VERDICT,
-    NOT_IDENTIFIABLE,
-    ParameterVerdict,
-    score,
-)
+from twin.identify.command_model import TiltHistory, apply_play, drive_path
+from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
 from twin.identify.logs import (
     AnyLog,
     AxisLog,
@@ -43,17 +36,24 @@ from twin.identify.logs import (
 from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.plain_model import (
     AxisFit,
-    PlainProblem,
+    AxisProblem,
     Profile,
-    axis_predicted,
-    beginnings,
     fit_axis,
-    predicting,
+    predict_axis,
+    prediction_times,
     profile,
     profile_drives,
+    refit_for_prediction,
 )
 from twin.identify.report import sentences
-from twin.identify.search import Minimum, Termination, fit_starts, fit_starts_from_scratch
+from twin.identify.verdicts import (
+    BOUNDED_VERDICT,
+    HOLD_OUT,
+    IDENTIFIED_VERDICT,
+    NOT_IDENTIFIABLE,
+    ParameterVerdict,
+    score,
+)
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
@@ -116,14 +116,14 @@ def by_name(found):
 
 def of_axis(axis, *parameters):
     """What is found of one axis, and its verdicts by name."""
-    found = identify_any([along_x(axis)], 1 / 3, *parameters)
+    found = identify_axes([along_x(axis)], 1 / 3, *parameters)
     return found, by_name(found)
 
 
 def windowed(log, names, begin, end, lasting):
     """The problem of windows of a log that begin and end at these times."""
     windows = axis_windows(log, np.atleast_1d(begin), np.atleast_1d(end))
-    return PlainProblem(windows, names, TiltHistory(log), lasting, (0.0, 0.5))
+    return AxisProblem(windows, names, TiltHistory(log), lasting, (0.0, 0.5))
 
 
 @pytest.mark.parametrize(
@@ -254,7 +254,7 @@ def left_by(log, truth):
     theta = np.array([[*truth.values()]])
     theta[0, 0] *= problem.tilt.scale
     starts = fit_starts(problem, theta, fit_starts_from_scratch(problem, theta, 4), 10)
-    off = (problem.reported(theta, starts)[0][0] - windows.ball)[..., 0]
+    off = (problem.simulate_samples(theta, starts)[0][0] - windows.ball)[..., 0]
     return np.sqrt(np.nanmean(np.where(windows.weight[..., 0] > 0, off, np.nan) ** 2, axis=1))
 
 
@@ -298,7 +298,7 @@ def test_a_simulation_without_friction_is_the_closed_form(lever):
     log = AxisLog(time, tilt, True, time, np.zeros_like(time))
     problem = windowed(log, ("gain", "dead_time", "lag", "level", "lever"), 0.5, 3.5, 3.0)
     theta = np.array([[6.0 * problem.tilt.scale, 0.13, 0.1, 0.03, lever]])
-    found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0, :, 0]
+    found = problem.simulate_samples(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0, :, 0]
     t = problem.windows.time[0]
     s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
     turned = 1 - np.exp(-s / 0.1)
@@ -310,7 +310,7 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     time = np.arange(0.0, 3.0, 0.02)
     log = AxisLog(time, np.sin(time), True, time, np.zeros_like(time))
     problem = windowed(log, ("gain", "dead_time", "level", "friction"), [0, 0], [2.5, 2.5], 2.5)
-    places = problem.simulated(
+    places = problem.simulate(
         np.array([[0.0, 0.0, 0.02, 0.05]]), np.array([[[0.0, 0.0]], [[0.0, 0.03]]])
     )
     assert places[-1, 0, 0] == 0.0
@@ -333,7 +333,7 @@ def test_a_ball_turns_under_friction_that_acts_against_its_old_way_then_its_new(
     names = ("gain", "dead_time", "level", "friction")
     problem = windowed(log, names, np.zeros(40), np.full(40, 1.2), 1.2)
     theta = np.array([[0.0, 0.0, level, f]])
-    found = problem.simulated(theta, np.stack((0 * v, v))[:, None])[-1, 0]
+    found = problem.simulate(theta, np.stack((0 * v, v))[:, None])[-1, 0]
     if across:
         p, h = 0 * v, 1e-4
         for _ in range(12_000):
@@ -360,23 +360,29 @@ def test_the_way_of_a_ball_that_is_seen_along_both_axes_is_known_across_each(tmp
 def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     time = np.arange(6.0)
     sent = np.array([0.0, 1.0, 1.4, 2.0, 1.0, 1.0])
-    at, place = drive_path(time, sent, 0.5, 0.0, 0.0)
+    at, place = drive_path(time, sent, 0.5, 0.0)
     assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx([0, 1, 1, 2, 1, 1])
     for first, places in (
         (0.4, [0.0, 1.4, 1.4, 2.4, 1.4, 1.4]),
         (0.6, [0.6, 1.6, 1.6, 2.6, 1.6, 1.6]),
     ):
-        at, place = drive_path(time, sent + first, 0.5, 0.0, 0.0)  # it stood at 0 before
+        at, place = drive_path(time, sent + first, 0.5, 0.0)  # it stood at 0 before
         assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(places)
-    at, place = drive_path(time, sent, 0.0, 0.1, 0.0)
-    assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(
-        [0, 0.9, 1.3, 1.9, 1.1, 1.1]
-    )
-    at, place = drive_path(time, sent, 0.5, 0.0, 2.0)  # half a unit a second
+    assert apply_play(sent, 0.1) == pytest.approx([0, 0.9, 1.3, 1.9, 1.1, 1.1])
+    at, place = drive_path(time, sent, 0.5, 2.0)  # half a unit a second
     assert np.interp(np.arange(1.0, 6.0), at, place) == pytest.approx([0, 0.5, 1.0, 1.5, 1.0])
     log = AxisLog(time, sent, True, time, 0 * time)
     ramp = TiltHistory(log, 1.0).at(np.array([1.5, 2.5]), 0.0, 0.5, 0.0, 2.0, 0.0)
     assert ramp == pytest.approx([0.25, 0.75], abs=1e-9)
+
+
+def test_play_is_behind_the_lag_of_its_drive():
+    time = np.arange(0.0, 3.0, 0.02)
+    log = AxisLog(time, np.where(time >= 1.0, 0.5, 0.0), True, time, 0 * time)
+    at = np.array([1.05, 1.2, 2.0])
+    drive = 0.5 * (1 - np.exp(-(at - 1.0) / 0.1))
+    found = TiltHistory(log, 1.0).at(at, 0.1, 0.0, 0.2, 0.0, 0.0)
+    assert found == pytest.approx(np.maximum(drive - 0.2, 0.0), abs=0.005)
 
 
 @pytest.mark.parametrize("lag", [0.0, 5e-5, 1e-3, 0.02, 0.2])
@@ -404,6 +410,24 @@ def test_dead_band_and_slew_of_the_drives_are_found_and_bias_nothing_else(axis_o
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("name", "other"), [("play", "dead_band"), ("dead_band", "play")])
+def test_play_and_dead_band_are_told_apart_over_twelve_rigs(axis_of, name, other):
+    """Both models are fitted to the same windows; the truth is of 0.8 degrees, half of it play."""
+    width = np.radians(0.8)
+    truth = {"play": width / 2, "dead_band": width}[name]
+    held = 0
+    for seed in range(12):
+        rig = {"gain": 7.007, "dead_time": 0.05, "lag": 0.05, "friction": 0.025}
+        log = axis_of(seed, rate=60.0, seconds=36, pixel=0.0, noise=4e-4, **rig, **{name: width})
+        _, told = of_axis(log)
+        right, wrong = told[f"{name}_x"], told[f"{other}_x"]
+        held += right.low <= truth <= right.high
+        assert wrong.word != IDENTIFIED_VERDICT
+        assert wrong.low <= 0.0
+    assert held >= 10
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate", "about"),
     [
@@ -416,8 +440,8 @@ def test_dead_band_and_slew_of_the_drives_are_found_and_bias_nothing_else(axis_o
 def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, about):
     truth = {**TRUTH, "camber": 0.0, **about}
     names = ("friction", "camber") if "camber" in about else ("friction",)
-    fit, _ = _chosen(axis_of(3, rate=rate, seconds=50, **about), names, 2.5)
-    found = {each.name[:-2]: each for each in _verdicts(fit, "x", "rad")}
+    fit, _ = _select_model(axis_of(3, rate=rate, seconds=50, **about), names)
+    found = {each.name[:-2]: each for each in _assess_axis(fit, "x", "rad")}
     for name in ("gain", "level", *names):
         each = found[name]
         assert each.word == IDENTIFIED_VERDICT
@@ -505,7 +529,7 @@ def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
 def test_a_lever_that_is_told_is_as_far_off_as_a_ruler_whatever_the_log_prefers():
     theta = np.array([[6.2, -0.01], [6.0, 0.0], [5.8, 0.01]])
     costs = np.array([[100.0] * 5, [50.0] * 5, [0.0] * 5])
-    moved = Profile("lever", ("gain", "lever"), theta, costs, 1, known=True).moved
+    moved = Profile("lever", ("gain", "lever"), theta, costs, 1, known=True).deviations
     assert moved["lever"].mean() == pytest.approx(0.0, abs=3e-4)
     assert np.quantile(np.abs(moved["lever"]), 0.68) == pytest.approx(0.005, rel=0.05)
     assert moved["gain"] == pytest.approx(-20 * moved["lever"])
@@ -584,7 +608,7 @@ def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axi
     assert words["gain_y"] == NOT_IDENTIFIABLE
     assert any("nobody moved" in note for note in found["notes"])
     (one,) = found["held_out"]
-    at = HORIZONS_S.index(1.0)
+    at = HOLD_OUT.horizons_s.index(1.0)
     assert one["median"]["model"][at] < 0.2 * one["median"]["stays"][at]
     assert one["median"]["model"][at] < 0.5 * one["median"]["without friction"][at]
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8").count("<svg") == 1
@@ -609,7 +633,7 @@ def test_dead_time_and_lag_of_which_only_the_sum_is_told_are_written_both(alone,
         ParameterVerdict(about=PLAIN_PARAMETERS["lag"], name=f"{name}_x", value=value, word=word)
         for name, value, word in rows
     ]
-    found = PlainIdentification(
+    found = AxisIdentification(
         source="log.csv", seconds=30.0, verdicts=tuple(verdicts), scores=(), predictions={},
         notes=(), extent="", remarks=(), factor=0.6, ball=BallPlate(),
     )  # fmt: skip
@@ -700,17 +724,17 @@ def gain_of(word, value, low, high):
     ids=["holds zero", "wide", "at its bound", "not shown"],
 )
 def test_no_factor_is_advised_of_a_gain_that_is_not_identified(gain):
-    said = _share("x", gain, 0.714)
+    said = _describe_gain("x", gain, 0.714)
     assert "times" not in said
     assert said.startswith("x: how far a command tilts the plate is not known from this log")
     assert ("0.5 to 2.1" in said) == (gain.low == 0.5 and gain.high == 2.1)
 
 
 def test_the_factor_that_is_advised_of_an_identified_gain_has_its_interval():
-    said = _share("y", gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1), 0.714)
+    said = _describe_gain("y", gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1), 0.714)
     share = [-each / (0.714 * 9.81) for each in (1.9, 2.1, 1.7)]
     assert "tell the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
-    near = _share("x", gain_of(IDENTIFIED_VERDICT, 7.0, 6.8, 7.2), 0.714)
+    near = _describe_gain("x", gain_of(IDENTIFIED_VERDICT, 7.0, 6.8, 7.2), 0.714)
     assert "tell the command" not in near
 
 
@@ -725,9 +749,9 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
         Termination("converged", 1, 1),
     )  # fmt: skip
     fit = AxisFit(problem, found, log, 1e-3, 1e-3)
-    at = beginnings(log)
-    judged = score({"x": axis_predicted(log, fit, at)})
-    for k, ahead in enumerate(HORIZONS_S):
+    at = prediction_times(log)
+    judged = score({"x": predict_axis(log, fit, at)})
+    for k, ahead in enumerate(HOLD_OUT.horizons_s):
         ways = [0.05 * ahead - 0.004 * ((t + ahead) ** 2 - t**2) for t in at]
         assert judged.median["stays"][k] == pytest.approx(np.median(np.abs(ways)), rel=0.15)
         # a parabola leaves its tangent in the middle of the lead by a (t + 0.2)^2
@@ -764,7 +788,7 @@ def test_a_log_with_a_camera_s_gaps_gives_the_gain_of_its_ball(axis_log, tmp_pat
 def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axis_of):
     parts = [axis_of(seed, seconds=20, level=level) for seed, level in ((1, 0.1), (2, -0.1))]
     other = along_x(axis_of(4, seconds=25, level=0.0), "other.csv")
-    found = identify_any([along_x(_join_logs(parts))], [other])
+    found = identify_axes([along_x(_join_logs(parts))], [other])
     told = by_name(found)
     for name in ("gain", "friction"):
         each = told[f"{name}_x"]
@@ -772,7 +796,7 @@ def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axi
         assert each.low <= TRUTH[name] <= each.high
     assert any("the level drifts" in note for note in found.notes)
     (one,) = found.scores
-    at = HORIZONS_S.index(1.0)
+    at = HOLD_OUT.horizons_s.index(1.0)
     assert one.median["level followed"][at] < 0.2 * one.median["stays"][at]
 
 
@@ -793,13 +817,13 @@ def test_a_later_run_of_a_rig_whose_level_changes_is_predicted_better_than_by_wi
     )
     names = ("gain", "dead_time", "lag", "level", "friction")
     windows = fit_axis(fitted, names, 2.5, (0, 0.5))
-    windows = replace(windows, briefer=(windows.again(windows.log, names, 1.25),))
-    at = beginnings(other)
+    windows = replace(windows, briefer=(windows.refit(windows.log, names, 1.25),))
+    at = prediction_times(other)
     before, after = (
-        score({axis: axis_predicted(other, fit, at)}).median
-        for fit in (windows, predicting(windows, 2.5))
+        score({axis: predict_axis(other, fit, at)}).median
+        for fit in (windows, refit_for_prediction(windows, 2.5))
     )
-    last = HORIZONS_S.index(1.0)
+    last = HOLD_OUT.horizons_s.index(1.0)
     assert after["model"][last] < 0.6 * before["model"][last]
     assert after["model"][last] < 1.1 * min(after["stays"][last], after["goes on"][last])
 

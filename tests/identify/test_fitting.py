@@ -10,20 +10,20 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
-from twin.identify.judged import BOUNDED_VERDICT, IDENTIFIED_VERDICT, REJECTED_VERDICT
+from twin.identify.least_squares import Estimate, Fit, Linearisation, estimate, fit_starts
 from twin.identify.parameters import SERVO_PARAMETER
 from twin.identify.plate_motion import Drives, fit_drives, servo_response
 from twin.identify.prepare import SPEED_INTERVAL_S, PreparedLog, Segment, paces, rests, speed
 from twin.identify.report import parameters, sentences
-from twin.identify.search import Estimate, Fit, Linearisation, estimate, fit_starts
 from twin.identify.twin_model import (
-    Problem,
     TwinIdentification,
-    _ball,
-    _creeping,
-    _servo,
+    TwinProblem,
+    _assess_ball,
+    _assess_servo,
+    _find_creeping,
     whiteness,
 )
+from twin.identify.verdicts import BOUNDED_VERDICT, IDENTIFIED_VERDICT, REJECTED_VERDICT
 from twin.identify.windows import (
     MAP_SPACING_M,
     REPLAY_STEP_S,
@@ -44,7 +44,7 @@ def told(name, value, spread, moved=0.0, *, rejected=False):
     draws = value + spread * np.random.default_rng(1).standard_normal((400, 1))
     found = Estimate(np.array([value]), draws, np.array([True]), 20)
     fit = SimpleNamespace(problem=problem)
-    return _ball(name, fit, found, np.array([moved]), rejected=rejected)
+    return _assess_ball(name, fit, found, np.array([moved]), rejected=rejected)
 
 
 def paused(rows, creep=0.0):
@@ -58,7 +58,7 @@ def paused(rows, creep=0.0):
 
 @pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED_VERDICT), (6.0e-4, IDENTIFIED_VERDICT)])
 def test_drives_faster_than_a_scenario_takes_are_bounded(lag, word):
-    verdict = _servo(Drives(lag, 2e-5, play=0.0))
+    verdict = _assess_servo(Drives(lag, 2e-5, play=0.0))
     assert verdict.word == word
     if verdict.value is not None:
         load("circle", [f"plant.servo.bandwidth_hz={verdict.value}"])
@@ -113,7 +113,7 @@ def test_the_lag_of_a_plate_that_swings_on_its_drive_train_is_right(resonance):
 def test_of_drives_of_another_kind_the_interval_of_the_lag_is_wide_and_holds_the_truth():
     found = fit_drives(driven(Hysteresis(np.radians([[0.3]]))))
     assert found.lag == pytest.approx(LAG, abs=found.half_width)
-    assert _servo(found).word != IDENTIFIED_VERDICT
+    assert _assess_servo(found).word != IDENTIFIED_VERDICT
 
 
 def test_an_interval_holds_what_unexplained_motion_may_have_moved_its_parameter_by():
@@ -139,7 +139,7 @@ def test_motion_that_is_unexplained_moves_a_fit_by_no_more_than_is_claimed_and_a
         weights=lambda r: np.ones(r.shape[:2]),
         known=(np.zeros(2), np.zeros(2)),
     )
-    claimed = Fit(problem, SimpleNamespace(linearisation=line)).moved_by(size)
+    claimed = Fit(problem, SimpleNamespace(linearisation=line)).bound_bias(size)
     worst = np.zeros(2)
     for k in range(2):
         alike = every @ np.linalg.inv(information)[:, k]  # looks like a change of this parameter
@@ -193,7 +193,7 @@ def test_windows_that_no_replay_explains_do_not_pull_the_fit_to_where_it_explain
     truth = [1.1, 1.1, 93.9, 1.1, 1, 1, 195.6, 78, 1.1, 1.2, 1.3, 1, 0.9, 1, 76.6, 1.1, 1]
     pulled = [1.6, 2.3, 42, 1.4, 1.7, 1.3, 1.4, 14.4, 1.1, 3.9, 1.9, 11, 0.9, 1.9, 53, 1.3, 1.3]
     seen = SimpleNamespace(size=np.full(17, 300))
-    problem = Problem(BallPlate(), seen, ())
+    problem = TwinProblem(seen, (), BallPlate())
     each = [problem.cost(np.sqrt(300 * np.array(m))[None, :, None])[0] for m in (truth, pulled)]
     assert each[0] < each[1]
     # the weight is the slope of the cost, as steps of least squares take it
@@ -214,15 +214,15 @@ def test_a_window_in_which_the_ball_creeps_at_first_is_told_from_one_in_which_it
         np.array([True, True]), np.zeros((2, 200)),
         AccelerationField.of(model, tilt, np.zeros_like(tilt)),
     )  # fmt: skip
-    problem = Problem(model, windows, names)
+    problem = TwinProblem(windows, names, model)
     theta, starts = np.array([[2e-4, 1.1, 0.04, 0.0, 0.0]]), np.zeros((4, 1, 2))
     starts[3, 0, 1] = 0.008 * np.sign(windows.field.push[0, 1, 0, 1])
-    ball = windows.at_samples(*problem.replayed(theta, starts), np.full((1, 1), 0.04))[0][0]
+    ball = windows.at_samples(*problem.replay(theta, starts), np.full((1, 1), 0.04))[0][0]
     assert np.ptp(ball, axis=1)[:, 1] == pytest.approx([0.0, 0.008], abs=0.002)
     ball = ball + 2e-4 * rng.standard_normal(ball.shape)
     problem = replace(problem, windows=replace(windows, ball=ball))
     rested = fit_starts(problem, theta, problem.initial_starts(), 8)
-    assert _creeping(problem, theta, rested).tolist() == [False, True]
+    assert _find_creeping(problem, theta, rested).tolist() == [False, True]
 
 
 def test_windows_that_agree_by_chance_give_no_interval_narrower_than_noise_does():

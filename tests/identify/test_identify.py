@@ -1,4 +1,4 @@
-"""`twin.identify.judged`: Identification finds what made a log and says what it cannot know."""
+"""`twin.identify.verdicts`: Identification finds what made a log and says what it cannot know."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.understand import identify as command
-from twin.identify.judged import HORIZONS_S
+from twin.identify.least_squares import STEP_CONTROL, minimise
 from twin.identify.logs import LOG_COLUMN_UNITS, read
 from twin.identify.parameters import DEFAULT_PARAMETERS
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
-from twin.identify.search import COST_TOLERANCE, minimise
-from twin.identify.twin_model import _servo, identify
+from twin.identify.twin_model import _assess_servo, identify_twin
+from twin.identify.verdicts import HOLD_OUT
 from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
 
@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(folder):
-    return identify(read(folder), (*DEFAULT_PARAMETERS, "spring"))
+    return identify_twin(read(folder), (*DEFAULT_PARAMETERS, "spring"))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_the_level_is_found_to_a_hundredth_of_a_degree(found):
 @pytest.mark.long
 def test_on_what_was_held_out_a_replay_is_within_a_millimetre_after_a_second(found):
     (judged,) = found.scores
-    at = HORIZONS_S.index(1.0)
+    at = HOLD_OUT.horizons_s.index(1.0)
     assert judged.median["model"][at] < 1e-3
     assert judged.median["without friction"][at] > 5e-3
     assert judged.median["stays"][at] > 5e-3
@@ -127,7 +127,9 @@ def test_a_csv_file_in_other_units_says_the_same(columns, found, tmp_path, write
         unit = LOG_COLUMN_UNITS[name]
         new, factor = {"s": ("ms", 1e3), "m": ("mm", 1e3), **DEGREES}.get(unit, (unit, 1.0))
         scaled[name], headers[name] = values * factor, f"{name} [{new}]"
-    again = identify(read(write(tmp_path / "log.csv", scaled, headers=headers)), DEFAULT_PARAMETERS)
+    again = identify_twin(
+        read(write(tmp_path / "log.csv", scaled, headers=headers)), DEFAULT_PARAMETERS
+    )
     for name in ("rolling", "breakaway"):
         assert by_name(again)[name].value == pytest.approx(by_name(found)[name].value, rel=0.01)
     assert any("friction at rest" in note for note in again.notes)
@@ -140,7 +142,9 @@ def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(columns
     bad["measured_x"][5000] += 0.1
     bad["touched"][7000:7200] = 0.0
     rows = [k for k in range(len(bad["time"])) if not 9000 <= k < 9500]
-    again = identify(read(write(tmp_path / "log.csv", bad, rows=rows)), ("rolling", "breakaway"))
+    again = identify_twin(
+        read(write(tmp_path / "log.csv", bad, rows=rows)), ("rolling", "breakaway")
+    )
     notes = " ".join(again.notes)
     for words in (
         "1 gaps of 1.00 s",
@@ -155,14 +159,14 @@ def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(columns
 @pytest.mark.long
 def test_without_friction_none_is_claimed(tmp_path):
     log = read(logged(tmp_path, "excite", *SETTINGS, "plant.friction.rolling_mm=0"))
-    assert by_name(identify(log, ("rolling",)))["rolling"].value < 0.003
+    assert by_name(identify_twin(log, ("rolling",)))["rolling"].value < 0.003
 
 
 @pytest.mark.long
 def test_friction_that_grows_with_speed_is_offered_where_the_log_shows_it(tmp_path):
     exact = ("plant.kind=lagrange", *SETTINGS[1:], "duration=40")
     log = read(logged(tmp_path, "excite", *exact, "plant.friction.viscous_mm=0.8"))
-    found = identify(log, DEFAULT_PARAMETERS)
+    found = identify_twin(log, DEFAULT_PARAMETERS)
     each = by_name(found)
     assert any("viscous friction fitted along" in note for note in found.notes)
     assert each["viscous"].value == pytest.approx(0.8, rel=0.1)
@@ -172,7 +176,7 @@ def test_friction_that_grows_with_speed_is_offered_where_the_log_shows_it(tmp_pa
 @pytest.mark.long
 def test_on_an_uneven_screen_intervals_are_wide_enough_to_hold_the_truth(tmp_path):
     patchy = (*SETTINGS, "duration=40", "plant.surface.spread_percent=12", "plant.surface.seed=11")
-    found = identify(read(logged(tmp_path, "excite", *patchy)), DEFAULT_PARAMETERS)
+    found = identify_twin(read(logged(tmp_path, "excite", *patchy)), DEFAULT_PARAMETERS)
     assert found.whiteness.white
     each = by_name(found)
     for name in ("rolling", "delay", "level_phi"):
@@ -187,7 +191,7 @@ def test_on_an_uneven_screen_intervals_are_wide_enough_to_hold_the_truth(tmp_pat
 def test_the_corner_of_the_servo_is_right_on_a_run_of_the_cure(tmp_path, corner, seed):
     settings = ("duration=14", "metrics.start=5", f"plant.servo.bandwidth_hz={corner}")
     drives = fit_drives(prepare(read(logged(tmp_path, "cure", *settings, f"seed={seed}"))))
-    servo = _servo(drives)
+    servo = _assess_servo(drives)
     assert servo.word == "identified" or corner == 15
     assert servo.low <= corner <= servo.high
 
@@ -219,7 +223,7 @@ def test_a_minimisation_says_why_it_stopped(found):
     assert "converged after" in str(long.termination)
     again = minimise(fit.problem, long.theta, long.starts, 300)
     assert again.termination.steps == 2
-    assert long.cost[0] - again.cost[0] <= 2 * COST_TOLERANCE * long.cost[0]
+    assert long.cost[0] - again.cost[0] <= 2 * STEP_CONTROL.cost_tolerance * long.cost[0]
     away = fit.found.theta.copy()
     away[:, fit.problem.names.index("rolling")] *= 2
     short = minimise(fit.problem, away, fit.found.starts, 1)

@@ -1,4 +1,4 @@
-"""`twin.identify.judged`.
+"""`twin.identify.verdicts`.
 
 How often the intervals cover the truth, over runs whose parameters the fit does not know."""
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from twin.base.jobs import results
-from twin.identify.judged import HORIZONS_S
 from twin.identify.logs import MECHANISM_GRIP, MECHANISM_LAG, Log
 from twin.identify.parameters import DEFAULT_PARAMETERS
-from twin.identify.twin_model import identify
+from twin.identify.twin_model import identify_twin
+from twin.identify.verdicts import HOLD_OUT
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
@@ -69,10 +69,10 @@ def trials(batch):
             "level_phi": 0.0,
             "level_theta": 0.0,
         }
-        done = identify(log, DEFAULT_PARAMETERS)
+        done = identify_twin(log, DEFAULT_PARAMETERS)
         asked = (v for v in done.verdicts if v.name in truth)
         rows = [(v.name, truth[v.name], v.value, v.low, v.high) for v in asked]
-        found.append((rows, done.scores[0].median["model"][HORIZONS_S.index(1.0)]))
+        found.append((rows, done.scores[0].median["model"][HOLD_OUT.horizons_s.index(1.0)]))
     return found
 
 

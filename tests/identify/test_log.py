@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.judged import HORIZONS_S, score
 from twin.identify.logs import LOG_COLUMN_UNITS, NEEDED_COLUMNS, read
-from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, chosen
+from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, choose_parameters
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import Problem, identify, replay_log
+from twin.identify.twin_model import TwinProblem, identify_twin, replay_log
+from twin.identify.verdicts import HOLD_OUT, score
 from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
 
@@ -66,7 +66,7 @@ def test_a_log_that_cannot_be_so_is_refused_in_one_line(
     changed = {name: change(exact_columns[name]) for name, change in changes.items()}
     log = read(write(tmp_path / "log.csv", exact_columns | changed))
     with pytest.raises(LogError, match=says) as caught:
-        identify(log, DEFAULT_PARAMETERS)
+        identify_twin(log, DEFAULT_PARAMETERS)
     assert "\n" not in str(caught.value)
     assert "log.csv" in str(caught.value)
 
@@ -75,7 +75,7 @@ def test_a_log_that_cannot_be_so_is_refused_in_one_line(
 def test_a_log_that_is_too_short_is_refused_in_one_line(exact_columns, tmp_path, rows, write):
     log = read(write(tmp_path / "log.csv", exact_columns, rows=range(rows)))
     with pytest.raises(LogError, match=r"too short|too quiet|no stretch") as caught:
-        identify(log, DEFAULT_PARAMETERS)
+        identify_twin(log, DEFAULT_PARAMETERS)
     assert "\n" not in str(caught.value)
 
 
@@ -154,7 +154,7 @@ def test_a_parquet_column_that_holds_no_numbers_is_named(tmp_path):
 
 def test_an_unknown_parameter_is_refused_with_those_known():
     with pytest.raises(LogError, match="no 'frction'") as caught:
-        chosen("rolling,frction")
+        choose_parameters("rolling,frction")
     assert all(name in str(caught.value) for name in PARAMETER_CHOICES)
 
 
@@ -169,14 +169,14 @@ def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rat
     names = ("delay", "rolling")
     theta = np.array([0.042, done.scenario.plant.friction.rolling_mm * 1e-3])
     fit = SimpleNamespace(
-        problem=Problem(log.model, None, names), found=SimpleNamespace(theta=theta[None])
+        problem=TwinProblem(None, names, log.model), found=SimpleNamespace(theta=theta[None])
     )
     found = replay_log(log, fit, 0.0)
     still = score(found).median["stays"]
     (recorded,) = open_run(tmp_path)
     rows = recorded.rows
     ball = np.stack((rows["true_x"], rows["true_y"]), axis=1)
-    for ahead, off in zip(HORIZONS_S[:2], still, strict=False):
+    for ahead, off in zip(HOLD_OUT.horizons_s[:2], still, strict=False):
         steps = round(ahead / 0.002)
         way = np.hypot(*(ball[steps:] - ball[:-steps]).T)
         assert off == pytest.approx(float(np.median(way)), rel=0.1), ahead

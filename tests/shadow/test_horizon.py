@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 
 from twin.hal.interface import SCREEN_SIZE_M
+from twin.identify.least_squares import fit_starts
 from twin.identify.prepare import prepare
-from twin.identify.search import fit_starts
 from twin.identify.windows import FORCE_STRETCH_S, REPLAY_STEP_S, Spans, cut
 from twin.scenario import load
 from twin.shadow.belief import Belief, belief_of, logs
@@ -194,7 +194,7 @@ def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
         moved[0, :6] += best[:6] * prior[:6]
         begun[:, 0, w] += best[6:] * prior[6:]
         place, speed = (
-            each[round(LEAD_S / REPLAY_STEP_S), :, 0, w] for each in problem.replayed(moved, begun)
+            each[round(LEAD_S / REPLAY_STEP_S), :, 0, w] for each in problem.replay(moved, begun)
         )
         assert end[:, w] + mean[w, 6:] == pytest.approx([*place, *speed], abs=2e-5)
 

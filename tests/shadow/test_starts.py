@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from twin.identify.least_squares import STEP_CONTROL, StepControl, fit_starts
 from twin.identify.prepare import prepare
-from twin.identify.search import START_TOLERANCE, fit_starts
-from twin.identify.twin_model import Problem
+from twin.identify.twin_model import TwinProblem
 from twin.scenario import load
 from twin.shadow import evidence
 from twin.shadow.belief import belief_of, logs
@@ -60,17 +60,15 @@ def test_windows_in_portions_say_what_all_at_once_say(log, recorded, monkeypatch
 def test_a_start_that_suits_is_not_looked_for_again(recorded, monkeypatch):
     belief, windows = recorded
     problem, asked = belief.problem(windows), []
-    linearise = Problem.linearise
+    linearise = TwinProblem.linearise
 
     def counted(self, *given, **more):
         asked.append(len(self.windows))
         return linearise(self, *given, **more)
 
     first = problem.initial_starts()
-    with monkeypatch.context() as patched:
-        patched.setattr("twin.identify.search.START_TOLERANCE", 0.0)
-        best = fit_starts(problem, belief.theta, first, 8)
-    monkeypatch.setattr(Problem, "linearise", counted)
+    best = fit_starts(problem, belief.theta, first, 8, StepControl(start_tolerance=0.0))
+    monkeypatch.setattr(TwinProblem, "linearise", counted)
     found = fit_starts(problem, belief.theta, first, 8)
     assert asked[0] == len(windows)
     assert asked[-1] < asked[0]
@@ -79,5 +77,5 @@ def test_a_start_that_suits_is_not_looked_for_again(recorded, monkeypatch):
         problem.misfit(linearise(problem, belief.theta, starts, slopes=False).r)
         for starts in (found, best)
     )
-    assert reached == pytest.approx(least, abs=3 * START_TOLERANCE)
+    assert reached == pytest.approx(least, abs=3 * STEP_CONTROL.start_tolerance)
     assert found == pytest.approx(best, abs=1e-3)

@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.rig import TILT_DIRECTIONS, advice, level
-from twin.identify.judged import ParameterVerdict
 from twin.identify.parameters import BALL_PARAMETERS
+from twin.identify.verdicts import ParameterVerdict
 from twin.run.finished import record_run, run
 from twin.scenario import load
 

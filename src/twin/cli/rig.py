@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from twin.devices.lumio.config import CalibrationFit
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.virtual_bus import VirtualBus
-    from twin.identify.judged import ParameterVerdict
+    from twin.identify.verdicts import ParameterVerdict
     from twin.safety.trial import FaultRow
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
@@ -687,13 +687,13 @@ def level(log: Path) -> int:
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
     log = log_file(log)  # a wrong name is reported before anything heavy is imported
-    from twin.identify.judged import IDENTIFIED_VERDICT
     from twin.identify.logs import read
-    from twin.identify.twin_model import identify
+    from twin.identify.twin_model import identify_twin
+    from twin.identify.verdicts import IDENTIFIED_VERDICT
 
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
-        levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(TILT_DIRECTIONS)]
+        levels = identify_twin(recorded, ("level",), 1.0, advance).verdicts[: len(TILT_DIRECTIONS)]
     advice_lines = (
         f"{each.name}: {advice(each, foot)}"
         for each, foot in zip(levels, TILT_DIRECTIONS, strict=True)
@@ -709,7 +709,7 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
         found: The tilt about the axis in deg.
         foot: Its entry of ``FEET``.
     """
-    from twin.identify.judged import IDENTIFIED_VERDICT
+    from twin.identify.verdicts import IDENTIFIED_VERDICT
 
     if found.value is None or found.low is None or found.high is None:
         return found.why

@@ -32,8 +32,8 @@ from twin.identify.parameters import (
     FITTED_SHARE,
     PARAMETER_CHOICES,
     PLAIN_PARAMETERS,
+    choose_parameters,
 )
-from twin.identify.parameters import chosen as chosen_parameters
 from twin.run.files import RUNS_FOLDER, is_record, log_file, run_folder, run_name
 
 if TYPE_CHECKING:
@@ -138,12 +138,12 @@ def identify(
     identified.
     """
     if how["columns"] is None:
-        chosen_parameters(names)  # a wrong name is reported before anything heavy is imported
+        choose_parameters(names)  # a wrong name is reported before anything heavy is imported
     files = [log_file(log) for log in logs]
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
-    from twin.identify.judged import IDENTIFIED_VERDICT
     from twin.identify.report import TABLE_HEADINGS, rows
+    from twin.identify.verdicts import IDENTIFIED_VERDICT
 
     folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)

@@ -1,9 +1,9 @@
-"""From logs of any rig to the plain model of each axis, its intervals, and what it is worth."""
+"""From logs of any rig to the plain model of each axis, with intervals and held-out errors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,58 +12,102 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify import judged
-from twin.identify.drives import PROFILED_EFFECTS
+from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
+from twin.identify.first_look import look_first
+from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
 from twin.identify.plain_model import (
-    ACCEPTED_ERROR_SHARE,
-    HEIGHT_STD_M,
+    AXIS_FITTING,
     SMOOTH_PARAMETERS,
     AxisFit,
-    axis_predicted,
-    beginnings,
+    AxisFitting,
+    add_drive_effects,
     cross_validate,
+    find_significance,
     fit_axis,
-    predicting,
+    predict_axis,
+    prediction_times,
     profile_drives,
-    with_drives,
+    refit_for_prediction,
 )
-from twin.identify.search import Estimate
+from twin.identify.verdicts import (
+    BOUNDED_VERDICT,
+    GIVEN_VERDICT,
+    IDENTIFIED_VERDICT,
+    MAX_CORRELATION,
+    NOT_IDENTIFIABLE,
+    Identification,
+    ParameterVerdict,
+    Predicted,
+    corner_frequency,
+    score,
+)
 
-WINDOW_LENGTH_S = 2.5
-"""Length of the windows in s, as a rule."""
-SHORTER_WINDOW_SHARES = (0.5, 0.32)
-"""Shares of it of the windows of other fits: a model error shows as another value there."""
-OPTIONAL_PARAMETERS = ("camber", "viscous")
-"""Fitted where it pays, unless asked for."""
-DRIVEN_PAY = 0.8
-"""Share of an error that is left with dead band, play or slew that pay: a hand is like them."""
-DRIVEN_WITHIN = 0.01
-"""Error in m with them above which something else is at work: a hand, or a ball that sticks."""
 AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
-"""The axes, and how a level along them is a tilt of the base."""
-MOST_TURNED = 0.2
-"""How much too far or too little a command may tilt the twin's plate."""
-CONDITIONAL_SCATTER_SHARE = 0.5
-"""Share of the scatter of a parameter from which on it is told with what is not fitted only."""
+"""The axes, and the sign that makes a level along them a tilt of the base."""
 LEVER_HELD_MESSAGE = (
     "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball's radius"
 )
-"""What is said of a lever that is known."""
-PAUSE_BETWEEN_LOGS_S = 10.0
-"""Time in s between two logs that are fitted as one."""
-EARLIER_COMMANDS_S = 0.5
-"""How long commands from before a log or a pause may move the ball, s: so much is left out."""
+"""Message for a lever that is computed from the given height."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlainIdentification(judged.Identification):
-    """What logs of any rig show.
+class AxisSelection:
+    """Constants of the choice of windows and model of a fit of an axis.
+
+    Attributes:
+        window_s: Length of the windows.
+        shorter_window_shares: Lengths of the windows of further fits, as shares of it: a model
+            error shows as a different value there.
+        optional_parameters: Fitted if they reduce the prediction error, unless requested.
+        accepted_error_share: A parameter is accepted if it reduces the error of cross-validation to
+            this share.
+        max_compared_s: Longest part of a log by which models are compared.
+        min_term_stds: Standard deviations of a parameter from zero below which it is not tried.
+        accepted_drive_error_share: The same for dead band, play or slew: a hand resembles them.
+        max_drive_error_m: Accept dead band, play or slew only below this error: a touched plate, or
+            a ball that sticks, resembles them.
+        conditional_scatter_share: Share of the scatter of a parameter above which it is known only
+            together with a parameter that is not fitted.
+        bound_probability: Share of the bootstrap draws that a bound contains.
+        pause_between_logs_s: Pause put between two logs that are fitted as one.
+        earlier_commands_s: Time for which commands before a log or a pause may move the ball: its
+            samples are left out.
+        fitting: Constants of the fits.
+    """
+
+    window_s: float = 2.5
+    shorter_window_shares: tuple[float, ...] = (0.5, 0.32)
+    optional_parameters: tuple[str, ...] = ("camber", "viscous")
+    accepted_error_share: float = 0.9
+    max_compared_s: float = 75.0
+    min_term_stds: float = 3.0
+    accepted_drive_error_share: float = 0.8
+    max_drive_error_m: float = 0.01
+    conditional_scatter_share: float = 0.5
+    bound_probability: float = 0.95
+    pause_between_logs_s: float = 10.0
+    earlier_commands_s: float = 0.5
+    fitting: AxisFitting = AXIS_FITTING
+
+
+AXIS_SELECTION = AxisSelection()
+PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
+"""Processor time of the fit of an axis in s, and the same for each second of its log."""
+SLOWEST_RATIO = 4
+"""Factor on it for a log that the model does not explain."""
+MAX_SCALE_ERROR = 0.2
+"""Largest error of the tilt per command that `rig.cam_error_percent` takes, as a share."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisIdentification(Identification):
+    """Parameters and predictions that logs of any rig give.
 
     Attributes:
         factor: Share of gravity that accelerates the ball.
-        ball: That of the rig, in whose radius friction is told.
+        ball: The ball of the rig, whose radius scales the friction.
     """
 
     factor: float
@@ -88,14 +132,14 @@ class PlainIdentification(judged.Identification):
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
         lines |= self.over
-        given = [each.value or 0.0 for each in self.verdicts if each.word == judged.GIVEN_VERDICT]
+        given = [each.value or 0.0 for each in self.verdicts if each.word == GIVEN_VERDICT]
         height = float(np.mean(given)) - ball.radius / self.factor if given else -1.0
         if height >= 0:  # laws take no surface below the axes
             lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as it was told"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS]
-        if gain and not any(map(_another, turned)):
+        if gain and not any(map(_is_other_scale, turned)):
             errors = ", ".join(f"{100 * (each - 1):.6g}" for each in turned)
             lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
         if "friction" in mean:
@@ -109,7 +153,7 @@ class PlainIdentification(judged.Identification):
             alone = any(told.get(f"lag_{axis}") for axis in "xy")
             remark = "" if alone else "  # its sum with the dead time is known, neither by itself"
             lines["rig.plate_lag"] = f"{mean['lag']:.6g}{remark}"
-            lines["plant.servo.bandwidth_hz"] = f"{judged.corner_frequency(mean['lag']):.6g}"
+            lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
         if level := known.get("level"):
@@ -118,17 +162,19 @@ class PlainIdentification(judged.Identification):
         return lines
 
 
-def identify_any(
+def identify_axes(
     logs: list[AnyLog],
     held: list[AnyLog] | float,
     names: tuple[str, ...] = (),
     factor: float | None = None,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Callable[[float, str], None] = lambda *_: None,
     ball: BallPlate | None = None,
     on: str | Path | None = None,
     heights: tuple[float, float] | None = None,
-) -> PlainIdentification:
-    """Fit the plain model to logs and try it on others, or on their last share.
+    selection: AxisSelection = AXIS_SELECTION,
+    say: Callable[[str], object] = lambda _: None,
+) -> AxisIdentification:
+    """Fit the plain model to logs and predict others, or their last share.
 
     Args:
         logs: What is fitted.
@@ -137,10 +183,12 @@ def identify_any(
             and what pays.
         factor: Share of gravity that accelerates the ball: 3/5 of a hollow one, 5/7 of a solid one;
             None for that of the ball.
-        progress: Called with the share of the work done.
+        progress: Called with the share of the work done, and what is done next.
         ball: That of the rig; None for the thesis's.
         on: The rig, or file of parameters, that the parameters are to lie over.
         heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
+        selection: Constants of the fit.
+        say: Called with lines on the work: what is fitted, how long that takes, and a first look.
 
     Raises:
         LogError: If no axis can be identified: what each of them lacks.
@@ -153,45 +201,55 @@ def identify_any(
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
-    found: list[judged.ParameterVerdict] = []
+    found: list[ParameterVerdict] = []
     reasons = []
     first = logs[0]
-    parts = [_parts(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
+    parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
     known = [part[0] for part in parts]
     others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
+    count = len(first.unit)
+    joined = {
+        axis: _join_logs([part[axis] for part in known], levers.get(axis), selection)
+        for axis in first.unit
+    }
+    say(_describe_work(joined, first.source))
+    for axis, look in ((axis, look_first(log)) for axis, log in joined.items()):
+        if look:
+            say(look.describe(axis, first.unit[axis]))
+            notes += look.describe_ends(axis)
     for k, (axis, unit) in enumerate(first.unit.items()):
+        log = joined[axis]
+
+        def advance(share: float, stage: str, k: int = k, axis: str = axis) -> None:
+            progress((k + share) / count, f"{axis}: {stage}")
+
         try:
-            log = _join_logs([part[axis] for part in known], levers.get(axis))
             _check_excited(log)
-            fit, about = _chosen(log, names, WINDOW_LENGTH_S)
+            fit, about = _select_model(log, names, selection, advance)
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             lost = [
                 (_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH_PARAMETERS, "friction")
             ]
-            found += [judged.ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
+            found += [ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
             continue
         fits[axis] = fit
-        found += _verdicts(fit, axis, unit)
+        found += _assess_axis(fit, axis, unit, selection)
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
-        progress((k + 1) / len(first.unit))
     if not fits:
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
-    there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
-    unseen = {axis: _join_logs(own, levers.get(axis)) for axis, own in there.items() if own}
-    # all axes from the same times on: the ball is seen along both or neither
-    at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
-    tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
-    scores = [judged.score({axis: each}) for axis, each in tried.items()]
+    tried = _predict_held_out(fits, others, levers, selection)
+    scores = [score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
-        scores.append(judged.score(tried))
+        scores.append(score(tried))
     seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
     gains = {each.name.rpartition("_")[2]: each for each in found if each.name.startswith("gain_")}
-    told = (_share(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad")
-    return PlainIdentification(
+    told = (_describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad")
+    progress(1.0, "")
+    return AxisIdentification(
         source=first.source,
         seconds=seconds,
         extent=f"{first.source}: {seconds:.1f} s were fitted.",
@@ -203,10 +261,45 @@ def identify_any(
         factor=factor,
         ball=ball,
         on=str(on or ""),
+        how=selection.fitting.hold_out,
     )
 
 
-def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
+def _predict_held_out(
+    fits: Mapping[str, AxisFit],
+    others: Sequence[Mapping[str, AxisLog]],
+    levers: Mapping[str, float],
+    selection: AxisSelection,
+) -> dict[str, Predicted]:
+    """Axis to predictions of what was held out, from the same times of all axes."""
+    there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
+    unseen = {
+        axis: _join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
+    }
+    if not unseen:
+        return {}
+    # the ball is seen along both axes or neither
+    at = prediction_times(next(iter(unseen.values())), selection.fitting)
+    if not len(at):
+        return {}
+    return {axis: predict_axis(log, fits[axis], at) for axis, log in unseen.items()}
+
+
+def _describe_work(logs: Mapping[str, AxisLog], source: str) -> str:
+    """What will be fitted, and roughly how long it takes on one processor."""
+    seconds = {
+        axis: float(np.ptp(log.sampled)) if len(log.sampled) else 0.0 for axis, log in logs.items()
+    }
+    least = sum(PROCESSOR_S + PROCESSOR_S_PER_S * each for each in seconds.values())
+    longest, axes = max(seconds.values(), default=0.0), " and ".join(logs)
+    return (
+        f"{source}: fitting {longest:.0f} s along {axes}: about "
+        f"{least:.0f} s of processor time, up to {SLOWEST_RATIO * least:.0f} s if the model does "
+        "not explain the log"
+    )
+
+
+def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
     """How much of what a ball does an axis does, in a sentence.
 
     No factor is advised from a gain that is not identified.
@@ -217,7 +310,7 @@ def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
         factor: Share of gravity that accelerates the ball.
     """
     sign, push = dict(AXIS_SIGNS)[axis], factor * BallPlate().gravity
-    if gain.word != judged.IDENTIFIED_VERDICT or gain.value is None:
+    if gain.word != IDENTIFIED_VERDICT or gain.value is None:
         known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
         return (
             f"{axis}: how far a command tilts the plate is not known from this log{known}, so no "
@@ -231,7 +324,7 @@ def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
         "tilt per command and the ball's share of gravity is told, and commands are taken as "
         "angles of the plate, whatever linkage a rig has."
     )
-    if not _another(turned):
+    if not _is_other_scale(turned):
         return told
     assert gain.low is not None
     assert gain.high is not None
@@ -242,12 +335,12 @@ def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
     )
 
 
-def _another(turned: float) -> bool:
+def _is_other_scale(turned: float) -> bool:
     """Whether a tilt per command is beyond what `rig.cam_error_percent` takes."""
-    return abs(turned - 1) > MOST_TURNED
+    return abs(turned - 1) > MAX_SCALE_ERROR
 
 
-def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
+def _split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
     """The axes of a log before and after a share of its time from the end."""
     border = min(each.sampled[0] + (1 - share) * np.ptp(each.sampled) for each in log.axes.values())
     return (
@@ -256,16 +349,20 @@ def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, Axi
     )
 
 
-def _join_logs(logs: list[AxisLog], lever: float | None = None) -> AxisLog:
+def _join_logs(
+    logs: list[AxisLog],
+    lever: float | None = None,
+    selection: AxisSelection = AXIS_SELECTION,
+) -> AxisLog:
     """Logs of an axis one after another, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
-        each = log.without(log.time[pauses], EARLIER_COMMANDS_S)
+        each = log.without(log.time[pauses], selection.earlier_commands_s)
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
         across = each.across + np.array([[shift], [0.0]])
         shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
-        start = float(each.time[-1]) + shift + PAUSE_BETWEEN_LOGS_S
+        start = float(each.time[-1]) + shift + selection.pause_between_logs_s
     parts = zip(*shifted, strict=True)
     time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
     return AxisLog(time, tilt, logs[0].held, sampled, ball, across, lever=lever)
@@ -281,19 +378,33 @@ def _check_excited(log: AxisLog) -> None:
         )
 
 
-def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisFit, list[str]]:
-    """The fit with the parameters that pay, and what is to be said of it."""
+def _select_model(
+    log: AxisLog,
+    names: tuple[str, ...],
+    selection: AxisSelection = AXIS_SELECTION,
+    advance: Callable[[float, str], None] = lambda *_: None,
+) -> tuple[AxisFit, list[str]]:
+    """The fit with the parameters that reduce the prediction error, and notes on it.
+
+    Args:
+        log: The axis.
+        names: Parameters that are fitted next to the usual ones; none for those that are useful.
+        selection: Constants.
+        advance: Called with the share of the work done, and what is done next.
+    """
     notes: list[str] = []
-    asked = tuple(
+    longest, fitting = selection.window_s, selection.fitting
+    requested = tuple(
         name for name in PLAIN_PARAMETERS if name in names and name not in SMOOTH_PARAMETERS
     )
     chosen = (
         *(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"),
-        *(asked or ("friction",)),
+        *(requested or ("friction",)),
     )
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
+    advance(0.0, "windows from no first guess")
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
-    fits = [fit_axis(each, chosen, longest, delays) for each in ways]
+    fits = [fit_axis(each, chosen, longest, delays, fitting) for each in ways]
     # of all windows, not the usual one, in which the ball may rest; 10 um are as good as none
     squares = [f.sigma**2 * f.problem.misfit(f.found.linearisation.r) for f in fits]
     at = int(np.argmin([np.log(1e-10 + each).mean() for each in squares]))
@@ -302,29 +413,37 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         notes.append("friction acts against the way of the ball along both axes")
     dead_time, lag = fit.value("dead_time"), fit.value("lag")
     least, most = delays
-    # an ideal drive beside a camera whose clock is behind: where dead time and lag end at none
+    # an ideal drive and a camera whose clock is behind: dead time and lag end at zero
     behind = dead_time < least + 0.01 and lag < 0.02
     if behind or dead_time > most - 0.01:
-        fit = fit_axis(log, chosen, longest, (-0.5 if behind or not log.held else 0.0, 1.0))
+        wider = (-0.5 if behind or not log.held else 0.0, 1.0)
+        fit = fit_axis(log, chosen, longest, wider, fitting)
         notes.append(
             "dead time at a bound, which was widened: it holds what the clocks of camera and "
             "command differ by, and is negative where that is more"
         )
     if not names:
-        fit = _richer(_driven(fit, longest, notes), longest, notes)
+        advance(0.15, "dead band, play and slew of the drives")
+        fit, drive_notes = _add_useful_drives(fit, selection)
+        advance(0.45, "camber and viscous friction")
+        fit, term_notes = _add_useful_terms(fit, selection)
+        notes += drive_notes + term_notes
+    advance(0.55, "likelihood profiles")
     fit = profile_drives(fit)
+    advance(0.7, "shorter windows, and predictions")
+    shorter = [share * longest for share in selection.shorter_window_shares]
     try:
-        brief = tuple(
-            fit.again(fit.log, fit.problem.names, part * longest) for part in SHORTER_WINDOW_SHARES
-        )
+        brief = tuple(fit.refit(fit.log, fit.problem.names, each) for each in shorter)
     except LogError:
         return fit, notes
-    fit = predicting(replace(fit, briefer=brief), longest)
+    fit = refit_for_prediction(replace(fit, briefer=brief), longest)
     if fit.problem.drift and not names:
-        known, fit = fit, _richer(fit, longest, notes)
+        known = fit
+        fit, term_notes = _add_useful_terms(fit, selection)
+        notes += term_notes
         names = fit.problem.names
-        one = known.windowed and known.windowed.again(known.log, names, longest)
-        brief = tuple(fit.again(known.log, names, part * longest) for part in SHORTER_WINDOW_SHARES)
+        one = known.windowed and known.windowed.refit(known.log, names, longest)
+        brief = tuple(fit.refit(known.log, names, each) for each in shorter)
         fit = replace(fit, windowed=one, briefer=brief)
     if fit.windowed:
         drifts = fit.problem.drift > 0
@@ -333,43 +452,70 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     return fit, notes
 
 
-def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
-    """The fit with what shows of its drives, beside anything else that may act, where it pays."""
-    own = fit.problem.names
-    rich = fit.again(fit.log, tuple(dict.fromkeys((*own, *OPTIONAL_PARAMETERS))), longest)
-    found = with_drives(rich, longest)
+def _add_useful_drives(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, list[str]]:
+    """The fit with the drive effects that reduce the prediction error, and a note on them.
+
+    They are compared next to all other optional parameters.
+    """
+    own, longest = fit.problem.names, selection.window_s
+    if fit.explained:
+        return fit, []
+    every = tuple(dict.fromkeys((*own, *selection.optional_parameters)))
+    middle = _take_middle(fit, selection)
+    rich = middle.refit(middle.log, every, longest)
+    found = add_drive_effects(rich, longest)
     new = tuple(name for name in PROFILED_EFFECTS if name in found.problem.names)
     if not new:
-        return fit
-    left, least = (cross_validate(each, each.problem.names, longest) for each in (found, rich))
+        return fit, []
+    error, without = (cross_validate(each, each.problem.names, longest) for each in (found, rich))
+    useful = error < selection.accepted_drive_error_share * without
+    if error >= selection.max_drive_error_m or not useful:
+        return fit, []
     what = " and ".join(PLAIN_PARAMETERS[name].key for name in new)
-    pays = left < DRIVEN_WITHIN and _pays(left, DRIVEN_PAY, least, what, notes)
-    return found.again(fit.log, (*own, *new), longest) if pays else fit
+    whole = replace(found, problem=replace(found.problem, tilt=fit.problem.tilt))
+    return whole.refit(fit.log, (*own, *new), longest), [_describe_gained(what, error, without)]
 
 
-def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
-    """The fit with the parameters that pay beside its own, which are said."""
+def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, list[str]]:
+    """The fit with the optional parameters that reduce the prediction error, and notes on them."""
     own = chosen = fit.problem.names
-    best, share = (
-        cross_validate(fit, chosen, longest),
-        1.0 if fit.problem.drift else ACCEPTED_ERROR_SHARE,
+    longest, notes = selection.window_s, list[str]()
+    candidates = [name for name in selection.optional_parameters if name not in own]
+    share = 1.0
+    if not fit.problem.drift:
+        share, least = selection.accepted_error_share, selection.min_term_stds
+        candidates = [each for each in candidates if find_significance(fit, each) > least]
+    if not candidates:
+        return fit, notes
+    middle = _take_middle(fit, selection)
+    best = cross_validate(middle, chosen, longest)
+    for name in candidates:
+        error = cross_validate(middle, (*chosen, name), longest)
+        if error < share * best:
+            notes.append(_describe_gained(name, error, best))
+            chosen, best = (*chosen, name), error
+    return fit.refit(fit.log, chosen, longest) if chosen != own else fit, notes
+
+
+def _take_middle(fit: AxisFit, selection: AxisSelection) -> AxisFit:
+    """The fit with the part of its log by which models are compared, and the commands of that."""
+    log, longest = fit.log, selection.max_compared_s
+    begin, end = float(log.sampled[0]), float(log.sampled[-1])
+    if end - begin <= longest:
+        return fit
+    begin, end = (begin + end - longest) / 2, (begin + end + longest) / 2
+    sent = (log.time > begin - selection.pause_between_logs_s) & (log.time < end + 1.0)
+    part = replace(log.between(begin, end), time=log.time[sent], tilt=log.tilt[sent])
+    tilt = TiltHistory(part, fit.problem.tilt.scale)
+    return replace(fit, log=part, problem=replace(fit.problem, tilt=tilt))
+
+
+def _describe_gained(what: str, error: float, without: float) -> str:
+    """The note on a parameter that reduces the error of cross-validation, both in m."""
+    return (
+        f"{what} fitted along: with it one half of the log predicts the other to "
+        f"{1000 * error:.1f} mm, without it to {1000 * without:.1f} mm"
     )
-    for name in OPTIONAL_PARAMETERS:
-        if name not in chosen:
-            left = cross_validate(fit, (*chosen, name), longest)
-            if _pays(left, share, best, name, notes):
-                chosen, best = (*chosen, name), left
-    return fit.again(fit.log, chosen, longest) if chosen != own else fit
-
-
-def _pays(left: float, share: float, of: float, what: str, notes: list[str]) -> bool:
-    """Whether what is left of an error with something is less than a share of it; it is said."""
-    if pays := left < share * of:
-        notes.append(
-            f"{what} fitted along: with it one half of the log predicts the other to "
-            f"{1000 * left:.1f} mm, without it to {1000 * of:.1f} mm"
-        )
-    return pays
 
 
 def _about(name: str, unit: str) -> IdentifiedParameter:
@@ -379,11 +525,13 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
-def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdict]:
+def _assess_axis(
+    fit: AxisFit, axis: str, unit: str, selection: AxisSelection = AXIS_SELECTION
+) -> list[ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     rows = (*names, *(("delay",) if "lag" in names else ()))
-    own = _told_together(fit)
+    own = _append_total_delay(fit)
     low, high = own.value - own.half_width, own.value + own.half_width
     unlike = np.zeros(len(rows), bool)
     reasons: list[list[str]] = [[] for _ in rows]
@@ -391,16 +539,22 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
     if fit.windowed:
         beside.insert(0, (fit.windowed, "windows of one level"))
     for other, why in beside:
-        another = _told_together(other)
+        another = _append_total_delay(other)
         apart = np.abs(own.value - another.value)
         unlike = apart > np.hypot(own.half_width, another.half_width)
         low = np.where(unlike, np.minimum(low, another.value - another.half_width), low)
         high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
         word = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
-    alike = np.abs(own.correlation) > judged.MAX_CORRELATION
+    rivals = {PLAIN_PARAMETERS[name].key: value for name, value in fit.rivals}
+    for k, name in enumerate(rows):
+        if rivals and name in DRIVE_EFFECTS:
+            low[k] = 0.0
+            reasons[k].append(f"{' or '.join(rivals)} instead explains the log nearly as well")
+    alike = np.abs(own.correlation) > MAX_CORRELATION
     drawn = own.draws - own.value
-    hidden = {each.name: each.moved[each.name] for each in fit.profiles if each.name not in names}
+    unfitted = [each for each in fit.profiles if each.name not in names]
+    hidden = {each.name: each.deviations[each.name] for each in unfitted}
     shares = {  # of the scatter of each that is of what is not fitted
         name: (moved @ drawn) ** 2 / np.maximum((moved @ moved) * (drawn**2).sum(axis=0), 1e-300)
         for name, moved in hidden.items()
@@ -408,7 +562,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     swing = fit.problem.tilt.scale
     scales = {"gain": 1 / swing, "dead_band": swing, "play": swing}
-    found: list[judged.ParameterVerdict] = []
+    found: list[ParameterVerdict] = []
     for k, name in enumerate(rows):
         others = [
             PLAIN_PARAMETERS[each].key for j, each in enumerate(names) if alike[k, j] and j != k
@@ -416,28 +570,46 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
         others += [
             PLAIN_PARAMETERS[each].key
             for each, share in shares.items()
-            if share[k] > CONDITIONAL_SCATTER_SHARE
+            if share[k] > selection.conditional_scatter_share
         ]
         values = (own.value[k], low[k], high[k])
         told = values, ends[k], reasons[k], others * (name != "delay"), scales.get(name, 1.0)
-        verdict = _verdict(_about(name, unit), f"{name}_{axis}", *told)
-        verdict = _as_slew(verdict, swing) if name == "slew" else verdict
+        verdict = _assess_parameter(_about(name, unit), f"{name}_{axis}", *told)
+        verdict = _to_slew_rate(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
-    for name, moved in hidden.items():  # how much of it there may be
-        least, most = np.quantile(
-            moved, (1 - judged.BOUND_PROBABILITY, judged.BOUND_PROBABILITY)
-        ).tolist()
-        by, about = scales.get(name, 1.0), PLAIN_PARAMETERS[name]
-        none = judged.ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
-        none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
-        found.append(_as_slew(none, swing) if name == "slew" else none)
+    found += [_bound_hidden(fit, name, axis, moved, selection) for name, moved in hidden.items()]
     if (lever := fit.log.lever) is not None:
-        given = replace(found.pop(), value=lever, word=judged.GIVEN_VERDICT, why=LEVER_HELD_MESSAGE)
-        found.append(replace(given, low=lever - 2 * HEIGHT_STD_M, high=lever + 2 * HEIGHT_STD_M))
+        word, half = GIVEN_VERDICT, 2 * selection.fitting.drives.height_std_m
+        given = replace(found.pop(), value=lever, word=word, why=LEVER_HELD_MESSAGE)
+        found.append(replace(given, low=lever - half, high=lever + half))
     return found
 
 
-def _as_slew(found: judged.ParameterVerdict, swing: float) -> judged.ParameterVerdict:
+def _bound_hidden(
+    fit: AxisFit, name: str, axis: str, moved: Array, selection: AxisSelection
+) -> ParameterVerdict:
+    """The verdict of a parameter that is not fitted: how much of it there may be.
+
+    Args:
+        fit: Of the axis.
+        name: The parameter.
+        axis: x or y.
+        moved: Draws of it.
+        selection: Constants.
+    """
+    probability, swing = selection.bound_probability, fit.problem.tilt.scale
+    least, most = np.quantile(moved, (1 - probability, probability)).tolist()
+    by, about = swing if name in {"dead_band", "play"} else 1.0, PLAIN_PARAMETERS[name]
+    none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
+    if (value := dict(fit.rivals).get(name)) is not None:
+        most = max(most, (1 + about.relative) * value)
+        why = f"it explains the log nearly as well as the fitted effect; {about.experiment}"
+        none = replace(none, why=why)
+    none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
+    return _to_slew_rate(none, swing) if name == "slew" else none
+
+
+def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
     """A verdict of seconds by swing, as it is fitted, as one of a rate."""
     low, value, high = (
         swing / end if end else None for end in (found.high, found.value, found.low)
@@ -445,7 +617,7 @@ def _as_slew(found: judged.ParameterVerdict, swing: float) -> judged.ParameterVe
     return replace(found, low=low, value=value, high=high)
 
 
-def _told_together(fit: AxisFit) -> Estimate:
+def _append_total_delay(fit: AxisFit) -> Estimate:
     """The parameters and, last, dead time and lag together, told where neither of them is."""
     own = fit.estimate()
     if "lag" not in fit.problem.names:
@@ -460,15 +632,15 @@ def _told_together(fit: AxisFit) -> Estimate:
     )
 
 
-def _verdict(
+def _assess_parameter(
     about: IdentifiedParameter,
     name: str,
     values: tuple[Array, Array, Array],
     ends: Array | tuple[float, float],
-    reasons: list[str],
-    alike: list[str],
+    reasons: Sequence[str],
+    alike: Sequence[str],
     scale: float = 1.0,
-) -> judged.ParameterVerdict:
+) -> ParameterVerdict:
     """The verdict of one parameter.
 
     Args:
@@ -476,43 +648,38 @@ def _verdict(
         name: With its axis.
         values: The fit and both ends of its interval.
         ends: Least and largest value of a fit.
-        reasons: What has been found wrong so far.
-        alike: Keys of what it cannot be told from.
-        scale: From these values to those that are told.
+        reasons: Errors found so far, in words.
+        alike: Keys of the parameters from which it cannot be distinguished.
+        scale: Factor from these values to the reported ones.
     """
     (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
-        return judged.ParameterVerdict.unknown(about, name, "the log does not show it")
+        return ParameterVerdict.unknown(about, name, "the log does not show it")
     low = max(min(low, value - about.floor), least)
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
     at_bound = value < least + slack or value > most - slack
     narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value)) and not at_bound
     nothing = name.startswith("gain") and low <= 0 <= high
+    why = list(reasons)
     if value < least + slack and least == 0:
-        reasons.append(f"not told from none; {about.experiment}")
+        why.append(f"not told from none; {about.experiment}")
     elif at_bound:
-        reasons.append(f"at its bound of {value:.3g}; {about.experiment}")
+        why.append(f"at its bound of {value:.3g}; {about.experiment}")
     if nothing:
-        reasons.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
+        why.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
     elif alike and not narrow:
-        reasons.append(f"told together with {' and '.join(alike)} only")
+        why.append(f"told together with {' and '.join(alike)} only")
     elif not at_bound and not narrow:
-        reasons.append(f"its interval is wide; {about.experiment}")
+        why.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most
-    word = (
-        judged.IDENTIFIED_VERDICT
-        if narrow
-        else judged.BOUNDED_VERDICT
-        if bounded
-        else judged.NOT_IDENTIFIABLE
-    )
-    return judged.ParameterVerdict(
+    word = IDENTIFIED_VERDICT if narrow else BOUNDED_VERDICT if bounded else NOT_IDENTIFIABLE
+    return ParameterVerdict(
         about=about,
         name=name,
         value=scale * value,
         low=scale * low,
         high=scale * high,
-        word=judged.NOT_IDENTIFIABLE if nothing else word,
-        why="; ".join(reasons),
+        word=NOT_IDENTIFIABLE if nothing else word,
+        why="; ".join(why),
     )

@@ -285,9 +285,9 @@ class AxisLog:
     def without(self, begin: Array, seconds: float) -> AxisLog:
         """That without the samples of so many seconds from each of some times in s on."""
         since = self.sampled - begin[:, None]
-        return self._where(((since < 0) | (since >= seconds)).all(axis=0))
+        return self._where(np.asarray(((since < 0) | (since >= seconds)).all(axis=0)))
 
-    def _where(self, there: Any) -> AxisLog:
+    def _where(self, there: Mask) -> AxisLog:
         return replace(self, sampled=self.sampled[there], ball=self.ball[there])
 
 
@@ -427,7 +427,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
         if unit and unit_factor(unit, ROLE_UNITS[role]) is None:
-            known = ", ".join(filter(None, _scales(ROLE_UNITS[role])))
+            known = ", ".join(filter(None, _unit_scales(ROLE_UNITS[role])))
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )
@@ -449,7 +449,7 @@ def unit_factor(unit: str, si: str) -> float | None:
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
     if match is None:
         return None
-    scale = _scales(si).get(match[2], 1.0 if match[1] and not match[2] else None)
+    scale = _unit_scales(si).get(match[2], 1.0 if match[1] and not match[2] else None)
     try:
         factor = float(match[1] or 1.0) * (scale or 0.0)
     except ValueError:
@@ -457,7 +457,7 @@ def unit_factor(unit: str, si: str) -> float | None:
     return factor if 0.0 < factor < math.inf else None
 
 
-def _scales(si: str) -> dict[str, float]:
+def _unit_scales(si: str) -> dict[str, float]:
     """The units of a quantity and their factors."""
     return UNIT_SCALES[si] | (COUNT_UNITS if si == "rad" else {})
 
@@ -485,7 +485,7 @@ def read_any(
     except OSError as error:
         raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
     if table is None:
-        header, cells = _text_columns(path.name, decode_text(raw), wanted, separator, notes)
+        header, cells, notes = _split_columns(path.name, decode_text(raw), wanted, separator)
     else:
         units_of = table.units
         header = [f"{k} [{units_of[k]}]" if k in units_of else k for k in table.columns]
@@ -504,7 +504,7 @@ def read_any(
             )
         if index >= len(cells):
             raise LogError(f"{path.name}: {role}: no column {column.name}: there are {len(cells)}")
-        values, broken = _numbers(cells[index])
+        values, broken = _parse_numbers(cells[index])
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
             raise LogError(f"{path.name}: {role}: {column.name} holds hardly any number")
         if broken:
@@ -515,14 +515,13 @@ def read_any(
     return _clean_log(path.name, columns, units, notes)
 
 
-def _text_columns(
+def _split_columns(
     source: str,
     text: str,
     wanted: Mapping[str, ColumnWanted],
     separator: str | None,
-    notes: list[str],
-) -> tuple[list[str], list[Array | list[str]]]:
-    """The header and the columns of a text, as texts.
+) -> tuple[list[str], list[Array | list[str]], list[str]]:
+    """The header and the columns of a text, as texts, and notes on rows that are left out.
 
     Rows that are cut are left out: the first and the last if they are shorter than usual, and
     others that are shorter or longer where these are few.
@@ -532,7 +531,6 @@ def _text_columns(
         text: All of it.
         wanted: Role to column.
         separator: Between columns; None to find it.
-        notes: Is given what was left out.
 
     Raises:
         LogError: If it is empty, or its header does not fit its rows.
@@ -543,12 +541,12 @@ def _text_columns(
         raise LogError(f"{source}: is empty")
     split = _make_splitter(lines, SEPARATOR_NAMES.get(separator or "", separator))
     rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
-    header, at = _header(rows, wanted)
+    header, at = _find_header(rows, wanted)
     rows = rows[at:]
     counts = np.array([len(row) for row in rows], dtype=int)
     usual = int(np.bincount(counts).argmax()) if len(rows) else 0
     named = len(header)
-    known = {name for names in _names(header) for name in names}
+    known = {name for names in _name_columns(header) for name in names}
     by_name = any(each.name.casefold() in known for each in wanted.values())
     more = any(any(row[named:]) for row in rows if len(row) == usual)
     if by_name and (more or (named > usual > 0 and split is str.split)):
@@ -562,12 +560,14 @@ def _text_columns(
     ):  # then it is how this program writes what it does not know
         odd[1:-1] = False
         odd &= counts < usual
+    notes = []
     if odd.any():
         cut = "the first one" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
         notes.append(f"{cut} of another number of cells than the {usual} of the others left out")
     kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
     width = max(usual, named)
-    return header, [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
+    columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
+    return header, list(columns), notes
 
 
 def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
@@ -602,19 +602,22 @@ def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], l
     return split
 
 
-def _header(rows: list[list[str]], wanted: Mapping[str, ColumnWanted]) -> tuple[list[str], int]:
+def _find_header(
+    rows: list[list[str]], wanted: Mapping[str, ColumnWanted]
+) -> tuple[list[str], int]:
     """The names of the columns, empty without any, and the row at which numbers begin."""
     for at, row in enumerate(rows[:50]):
-        known = {name for names in _names(row) for name in names}
-        if any(each.name.casefold() in known for each in wanted.values()) and not _number(row[0]):
+        known = {name for names in _name_columns(row) for name in names}
+        named = any(each.name.casefold() in known for each in wanted.values())
+        if named and not _is_number(row[0]):
             return row, at + 1
     for at, row in enumerate(rows[:50]):
-        if sum(_number(cell) for cell in row) > len(row) / 2:
+        if sum(_is_number(cell) for cell in row) > len(row) / 2:
             return rows[at - 1] if at else [], at
     return [], 0
 
 
-def _names(header: list[str]) -> tuple[list[str], list[str]]:
+def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:
     """The names of columns as they stand and without their units, in small letters."""
     return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
 
@@ -623,7 +626,7 @@ def _find_column(
     source: str, header: list[str], role: str, column: ColumnWanted
 ) -> tuple[int, str]:
     """Place of a column, and the unit that the header gives it."""
-    for names in _names(header):
+    for names in _name_columns(header):
         if names.count(column.name.casefold()) > 1:
             raise LogError(f"{source}: {role}: two columns are called {column.name}; give a number")
         if column.name.casefold() in names:
@@ -635,11 +638,11 @@ def _find_column(
     raise LogError(f"{source}: {role}: no column {column.name} (it has {has})")
 
 
-def _number(cell: str) -> bool:
+def _is_number(cell: str) -> bool:
     return re.fullmatch(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?[.,]?", cell) is not None
 
 
-def _numbers(cells: Array | list[str]) -> tuple[Array, int]:
+def _parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
     """Numbers of cells, NaN where there is none, and how many are neither number nor blank."""
     if not isinstance(cells, list):
         return np.where(np.isfinite(cells), cells, np.nan), 0
@@ -696,7 +699,7 @@ def _clean_log(
             "within 0.001 to 3 m: tell the unit, as measured_x=NAME:mm"
         )
     seen &= np.isfinite(ball).all(axis=-1)
-    false = _false(ball, seen)
+    false = _find_false_samples(ball, seen)
     if false.any():
         notes.append(f"{int(false.sum())} ball positions left out: held, or far off those beside")
     shown = np.flatnonzero(seen & ~false)
@@ -729,7 +732,7 @@ def _speed(time: Array, place: Array) -> Array:
     return np.stack((even, np.where(np.abs(speed) > REST_SPEED_M_S, np.abs(speed), 0.0)))
 
 
-def _false(ball: Array, seen: Mask) -> Mask:
+def _find_false_samples(ball: Array, seen: Mask) -> Mask:
     """Samples that are held from before or of no ball, shape (K,).
 
     A reading that comes again and again beside a jump is a value held where nothing was seen; a

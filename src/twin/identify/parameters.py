@@ -14,12 +14,12 @@ _UNIT_FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
 
 @dataclass(frozen=True)
 class IdentifiedParameter:
-    """One number of the twin that a log may show. All values but that of the key are in SI units.
+    """One parameter that a log may show. All values but that of the key are in SI units.
 
     Attributes:
         key: The scenario key that takes it.
         unit: Unit of the key; empty for dimensionless.
-        experiment: What would show it.
+        experiment: The experiment that shows it.
         start: Where a fit without a first guess begins.
         least: Smallest value.
         most: Largest value.
@@ -27,8 +27,8 @@ class IdentifiedParameter:
         tolerance: Half-width of the interval up to which it counts as identified.
         relative: The same as a share of the value; the larger of the two holds.
         floor: Smallest half-width ever claimed: what the twin's own time step changes.
-        tried: Values of one without a slope, rising from none.
-        spread: Standard deviation about ``start`` that is believed before any log is seen.
+        tried: Rising values, from zero, of a parameter in which the cost has no slope.
+        spread: Prior standard deviation about ``start``.
     """
 
     key: str
@@ -54,13 +54,13 @@ _PARAMETER_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 BALL_PARAMETERS = {
     name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["ball"].items()
 }
-"""What shows in the ball's motion, by the name the command line uses (level: both)."""
+"""Parameters that the ball's motion shows, by their names on the command line (level: both)."""
 SERVO_PARAMETER = IdentifiedParameter(**_PARAMETER_TABLES["servo"])
 """The drives' time constant in s; the scenario takes the corner frequency it gives."""
 DRIVE_PARAMETERS = {
     name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["drives"].items()
 }
-"""What is fitted to the plate's encoders: lag, elasticity of both axes, play."""
+"""Parameters that the plate's encoders show: lag, elasticity of both axes, play."""
 PLAIN_PARAMETERS = {
     name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["plain"].items()
 }
@@ -68,24 +68,24 @@ PLAIN_PARAMETERS = {
 HIDDEN_PARAMETERS = {
     name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["hidden"].items()
 }
-"""What neither ball nor plate positions of a closed-loop run show."""
+"""Not identifiable from closed-loop positions of ball and plate."""
 
 DEFAULT_PARAMETERS = ("rolling", "breakaway", "delay", "servo", "level")
 FITTED_SHARE = 0.67
 """Share of the usable time that is fitted; the rest is held out."""
 PARAMETER_CHOICES = (*DEFAULT_PARAMETERS, "viscous", "stribeck", "dwell", *HIDDEN_PARAMETERS)
 ALWAYS_FITTED = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
-"""Fitted whether asked for or not: to hold one at a guess would spoil the others."""
+"""Fitted whether requested or not: a guess of one would bias the others."""
 AT_REST = ("stribeck", "dwell")
-"""How friction at rest ages: fitted along where a log is not explained without."""
+"""Ageing of friction at rest: fitted as well if a log is not explained without."""
 
 
-def chosen(
+def choose_parameters(
     text: str | None,
     known: tuple[str, ...] = PARAMETER_CHOICES,
     usual: tuple[str, ...] = DEFAULT_PARAMETERS,
 ) -> tuple[str, ...]:
-    """The parameters of a list with commas, of those known; None for the usual ones.
+    """The parameters of a comma-separated list, of those known; None for the usual ones.
 
     Raises:
         LogError: If one is unknown.

@@ -12,72 +12,195 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.optimize import least_squares
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.drives import (
+from twin.identify.command_model import (
+    DEAD_BAND_SCAN,
+    DRIVE_EFFECTS,
     PROFILED_EFFECTS,
-    TRIED_DEAD_BANDS,
+    DeadBandScan,
     TiltHistory,
     residual_by_dead_band,
 )
-from twin.identify.judged import (
-    HORIZON_TOLERANCE_S,
-    HORIZONS_S,
-    LEAD_S,
-    MIN_MOTION_M,
-    PREDICTION_INTERVAL_S,
-    PREDICTOR_NAMES,
-    Predicted,
-    predict_windows,
-    quantile,
-)
-from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
-from twin.identify.parameters import PLAIN_PARAMETERS
-from twin.identify.search import (
-    BOOTSTRAP_DRAWS,
+from twin.identify.least_squares import (
+    BOOTSTRAP,
     Estimate,
     Fit,
-    Fitting,
+    FitProblem,
     Linearisation,
     SampleWindows,
+    StepControl,
     fit_starts,
     fit_starts_from_scratch,
     minimise,
 )
+from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
+from twin.identify.parameters import PLAIN_PARAMETERS
+from twin.identify.verdicts import (
+    HOLD_OUT,
+    PREDICTOR_NAMES,
+    HoldOutPrediction,
+    Predicted,
+    absolute_quantile,
+    predict_windows,
+)
 from twin.identify.windows import MIN_WINDOW_SHARE, SAMPLE_BIN_S, axis_windows, spans
 
-SIMULATION_STEP_S = 0.008
-"""Step of the simulation in s."""
+SIMULATION_STEP_S = 0.016
+"""Step of the simulation in s: it moves positions by 0.03 mm RMS, less than 0.1 mm."""
+CROSSING_STEP_S = 0.008
+"""The same where friction acts along both axes: it turns with the direction of the ball."""
+BLOCK_LANES = 3000
+"""Largest number of balls that are simulated together: their arrays stay in the cache."""
 MIN_CROSS_SPEED_RATIO = 0.3
-"""Speed along the other axis by the most that a step changes one, from which on the two are one."""
+"""Speed along the other axis, over the largest change of speed in a step, above which friction acts
+on both axes together."""
 START_PRECISION = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
+SMOOTH_PARAMETERS = ("gain", "dead_time", "lag", "level")
+"""Parameters that are always fitted; the lag of a measured angle is 0."""
+
+
+AXIS_STEP_CONTROL = StepControl(drops_idle=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisSearch:
+    """Constants of the fit of an axis from no first guess.
+
+    Attributes:
+        friction_guesses_m_s2: First guesses of friction.
+        delay_guesses_s: First guesses of the dead time.
+        lag_guesses_s: Lags that are tried instead of dead time.
+        tilt_gain_m_s2: First guess of the gain per rad: between a hollow ball and a solid one.
+        first_window_s: Length of the windows of the first fit, which converges from any guess.
+        disturbed_residual_ratio: Residual of such a window over the usual one above which a hand,
+            the rim or a false sample disturbed it: no longer window contains it.
+        outlier_ratio: Residual of a sample over that of its window above which it is left out.
+        control: Constants of the minimisations.
+    """
+
+    friction_guesses_m_s2: tuple[float, ...] = (0.0, 0.02, 0.08, 0.25)
+    delay_guesses_s: tuple[float, ...] = (0.02, 0.1, 0.2, 0.35)
+    lag_guesses_s: tuple[float, ...] = (0.02, 0.045, 0.07, 0.1, 0.14)
+    tilt_gain_m_s2: float = 6.5
+    first_window_s: float = 0.8
+    disturbed_residual_ratio: float = 5.0
+    outlier_ratio: float = 4.0
+    control: StepControl = AXIS_STEP_CONTROL
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSearch:
+    """Constants of the search for drive effects, and of likelihood profiles.
+
+    Attributes:
+        value_factors: Factors on the fitted value for the likelihood profile.
+        interpolated_points: Values between those tried at which the costs of windows are
+            interpolated.
+        height_std_m: Standard deviation of a given height.
+        accepted_residual_share: A drive effect is accepted if it reduces the residual to this
+            share.
+        rival_residual_ratio: A drive effect is a rival of the accepted one if its residual is less
+            than this multiple: the two are not distinguished.
+        dead_band_residual_share: A dead band is fitted if its regression leaves no more than this
+            share of what an ideal drive leaves.
+        fitted_dead_bands: Number of dead bands with the smallest residuals that are fitted.
+        white_share: Scatter of successive residuals, as a share of that of white ones, above which
+            the residuals are white. It exceeds ``accepted_residual_share``: no drive effect would
+            then be accepted.
+        scan_windows: Number of windows by which values of a profile are rejected in advance.
+        bracket_rise: Smallest rise of the cost in any draw at which the profile of a fit with white
+            residuals ends: twice the largest difference of Gumbel numbers of a lever.
+        scan: Constants of that regression.
+    """
+
+    value_factors: tuple[float, ...] = (
+        *(0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0),
+        *(1.005, 1.01, 1.02, 1.05, 1.1, 1.2),
+    )
+    interpolated_points: int = 200
+    height_std_m: float = 0.005
+    accepted_residual_share: float = 0.9
+    rival_residual_ratio: float = 1.5
+    dead_band_residual_share: float = 0.7
+    fitted_dead_bands: int = 8
+    white_share: float = 0.95
+    scan_windows: int = 20
+    bracket_rise: float = 32.0
+    scan: DeadBandScan = DEAD_BAND_SCAN
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictionFit:
+    """Constants of the fit to predictions, and of a level that is followed.
+
+    Attributes:
+        level_history_s: Length of the samples from which a followed level is estimated.
+        level_std_m_s2: Standard deviation of a followed level from that of the fit.
+        huber_error_m: Error of a prediction above which its cost is linear, not quadratic.
+        max_delay_and_lag_s: Largest dead time and lag of this fit.
+        initial_values: First guesses of this fit, next to those of a fit to windows.
+        max_predictions: Largest number of predictions by which fits are compared.
+        continued_guesses: Number of the best first guesses that are continued.
+        max_evaluations: Largest number of evaluations from each.
+    """
+
+    level_history_s: float = 2.4
+    level_std_m_s2: float = 0.1
+    huber_error_m: float = 0.003
+    max_delay_and_lag_s: float = 0.4
+    initial_values: tuple[tuple[str, float], ...] = (
+        ("dead_time", 0.1),
+        ("lag", 0.1),
+        ("friction", 0.03),
+    )
+    max_predictions: int = 150
+    continued_guesses: int = 2
+    max_evaluations: int = 40
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisFitting:
+    """All constants of the fit of an axis.
+
+    Attributes:
+        search: Of the fit from no first guess.
+        drives: Of the search for drive effects.
+        prediction: Of the fit to predictions.
+        hold_out: Of the predictions.
+    """
+
+    search: AxisSearch = AxisSearch()
+    drives: DriveSearch = DriveSearch()
+    prediction: PredictionFit = PredictionFit()
+    hold_out: HoldOutPrediction = HOLD_OUT
+
+
+AXIS_FITTING = AxisFitting()
 
 
 @dataclass(frozen=True)
-class PlainProblem(Fitting):
-    """What is fitted to what, of one axis.
+class AxisProblem(FitProblem[SampleWindows]):
+    """Simulations of one axis.
 
     Attributes:
-        windows: The samples.
-        names: Of the parameters that are fitted.
-        tilt: What tilts the plate.
+        tilt: The commands or angles that tilt the plate.
         longest: Length of the simulation in s.
-        delays: Least and largest dead time in s.
+        delays: Smallest and largest dead time in s.
         drift: Standard deviation in m/s^2 of a level of each window's own, which is then the
             third number of its start; 0 for none.
     """
 
-    windows: SampleWindows
-    names: tuple[str, ...]
     tilt: TiltHistory
     longest: float
     delays: tuple[float, float]
@@ -86,6 +209,11 @@ class PlainProblem(Fitting):
     start_steps = START_STEPS
     prior = START_PRECISION
     grows = True
+
+    @property
+    def step(self) -> float:
+        """Step of the simulation in s."""
+        return CROSSING_STEP_S if self.tilt.log.across[1].any() else SIMULATION_STEP_S
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -107,8 +235,8 @@ class PlainProblem(Fitting):
             out[:2, 0, w] = np.linalg.lstsq(line, ball[first], rcond=1e-6)[0]
         return out
 
-    def simulated(self, theta: Array, starts: Array) -> Array:
-        """Positions in m every ``STEP``, shape (N, C, W).
+    def simulate(self, theta: Array, starts: Array) -> Array:
+        """Positions in m at every step, shape (N, C, W).
 
         Args:
             theta: Parameters, shape (C, P) or (C, W, P), in which case dead time and lag of a
@@ -121,41 +249,41 @@ class PlainProblem(Fitting):
         gain, level, camber, viscous, friction = (
             values.get(name, zero) for name in ("gain", "level", "camber", "viscous", "friction")
         )
-        steps = int(np.ceil(self.longest / SIMULATION_STEP_S)) + 1
-        grid = self.windows.begin + SIMULATION_STEP_S * np.arange(steps)[:, None]
+        h = self.step
+        steps = int(np.ceil(self.longest / h)) + 1
+        grid = self.windows.begin + h * np.arange(steps)[:, None]
         told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *PROFILED_EFFECTS))
         kinds, which = np.unique(np.stack(tuple(told), axis=-1), axis=0, return_inverse=True)
-        inputs = np.stack([self.tilt.at(grid - delay, *each) for delay, *each in kinds], axis=1)
-        p, v = starts[0], starts[1]
-        push = gain * inputs[:, which] + (level + starts[2] if len(starts) > 2 else level + 0 * p)
-        # a step of Heun's method is linear in what is pushed, p and v, but for friction
-        given = SIMULATION_STEP_S * (
-            (push[:-1] + push[1:]) / 2 - (SIMULATION_STEP_S / 2) * viscous * push[:-1]
-        )
-        by_place = SIMULATION_STEP_S * camber * (1 - (SIMULATION_STEP_S / 2) * viscous)
-        kept = 1 + SIMULATION_STEP_S * ((SIMULATION_STEP_S / 2) * (camber + viscous**2) - viscous)
-        most = SIMULATION_STEP_S * friction + 0 * p
-        ways = self.tilt.log.across
-        across = np.interp(grid, *ways)[:, None] if ways[1].any() else [None] * steps
-        out = np.empty((steps, *p.shape))
-        out[0] = p
-        for n in range(steps - 1):
-            free = given[n] + by_place * p + kept * v
-            after = _apply_friction(v, free, most, across[n])
-            p = p + (SIMULATION_STEP_S / 2) * (v + after)
-            v = after
-            out[n + 1] = p
+        tilted = np.empty((steps - 1, len(kinds), len(self.windows)))
+        for k, (delay, *each) in enumerate(kinds.tolist()):
+            covered = self.tilt.integrate(grid - delay, *each)
+            np.subtract(covered[1:], covered[:-1], out=tilted[:, k])
+        across = None
+        if self.tilt.log.across[1].any():
+            across = np.interp(grid, *self.tilt.log.across)
+        off_level = starts[2] if len(starts) > 2 else np.zeros_like(starts[0])
+        out = np.empty((steps, *starts.shape[1:]))
+        # blocks of candidates whose arrays stay in the processor's cache
+        size = max(1, BLOCK_LANES // len(self.windows))
+        for first in range(0, len(theta), size):
+            part = slice(first, first + size)
+            rows = slice(None) if len(gain) == 1 else part
+            push = gain[rows] * tilted[:, which[part]]
+            push += h * (level[rows] + off_level[part])
+            out[:, part] = _integrate(
+                h, starts[:2, part], push, camber[rows], viscous[rows], friction[rows], across
+            )
         return out
 
-    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+    def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """A simulation at the samples in m, and its rate in m/s, shape (C, W, B, 1)."""
-        places = self.simulated(theta, starts)
-        at = self.windows.time / SIMULATION_STEP_S
+        places = self.simulate(theta, starts)
+        at = self.windows.time / self.step
         low = np.minimum(at.astype(int), len(places) - 2)
         rows = np.arange(len(self.windows))[:, None]
         first, second = (np.moveaxis(places[low + k, :, rows], -1, 0) for k in (0, 1))
         found = np.asarray(first + (at - low) * (second - first))
-        return found[..., None], ((second - first) / SIMULATION_STEP_S)[..., None]
+        return found[..., None], ((second - first) / self.step)[..., None]
 
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
         """Residuals and slopes of C candidates, and how far a window's own level is off."""
@@ -171,64 +299,97 @@ class PlainProblem(Fitting):
         return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
 
 
-def _apply_friction(v: Array, free: Array, most: Array, across: Array | None) -> Array:
-    """Velocity in m/s after a step in which friction takes up to ``most`` of the ``free`` one.
-
-    Of a ball that turns it acts against the old way, then against the new one; of one that goes
-    along the other axis as well, against the mean way.
+def _integrate(
+    h: float,
+    starts: Array,
+    push: Array,
+    camber: Array,
+    viscous: Array,
+    friction: Array,
+    across: Array | None,
+) -> Array:
+    """Positions in m at every step by Heun's method, friction apart, shape (N, C, W).
 
     Args:
-        v: Velocity before, shape (C, W).
-        free: After the step without friction.
-        most: m/s, same shape.
-        across: How fast the ball goes along the other axis; None for not at all.
+        h: Step in s.
+        starts: Positions in m and velocities in m/s at the first step, shape (2, C, W).
+        push: Change of velocity by tilt and level in each step in m/s, shape (N - 1, C, W); it is
+            overwritten.
+        camber: 1/s^2, shape (C, 1) or (C, W).
+        viscous: 1/s, same shape.
+        friction: m/s^2, same shape.
+        across: Speed along the other axis in m/s, shape (N, W); None if friction acts on this axis
+            alone.
     """
-    after = free - np.minimum(np.maximum(free, -most), most)
-    at = np.flatnonzero(v * after <= 0)
-    if at.size:
-        was, end, taken = v.take(at), free.take(at), most.take(at)
-        pushed = np.abs(end - was)
-        share = np.maximum(pushed - taken, 0.0) / np.maximum(pushed + taken, 1e-300)
-        turned = (end - np.copysign(taken, was)) * share
-        after.put(at, np.where(was == 0, after.take(at), turned))
-    if across is None:
-        return after
+    p, v = starts
+    # a step is linear in push, p and v, but for friction
+    push *= 1 - h / 2 * viscous
+    by_place, kept = (
+        h * camber * (1 - h / 2 * viscous),
+        h * (h / 2 * (camber + viscous**2) - viscous),
+    )
+    linear = bool(by_place.any() or kept.any())
+    most = np.ascontiguousarray(np.broadcast_to(h * friction, p.shape))
+    least, rubs = -most, bool(most.any())
+    places = np.empty((len(push) + 1, *p.shape))
+    spare, product = np.empty((2, *p.shape))
+    places[0] = p
+    v = v.copy()
+    for n in range(len(push)):
+        free = np.add(push[n], v, out=push[n])
+        if linear:
+            free += np.multiply(kept, v, out=spare)
+            free += np.multiply(by_place, p, out=spare)
+        after = free
+        if rubs:
+            np.minimum(np.maximum(free, least, out=spare), most, out=spare)
+            after = np.subtract(free, spare, out=spare)
+            turned = np.flatnonzero(np.multiply(v, after, out=product) <= 0)
+            if turned.size:
+                _turn(turned, v, free, most, after)
+            if across is not None:
+                _rub_aslant(v, free, most, across[n], after)
+            spare = v
+        v += after
+        v *= h / 2
+        p = np.add(p, v, out=places[n + 1])
+        v = after
+    return places
+
+
+def _turn(at: NDArray[np.intp], v: Array, free: Array, most: Array, after: Array) -> None:
+    """Correct velocities after a step in which a ball turns: ``after``, at flat indices.
+
+    Friction acts against the old direction, then against the new one.
+
+    Args:
+        at: The balls whose velocity changes its sign or is zero.
+        v: Velocities before in m/s, shape (C, W).
+        free: After the step without friction, same shape.
+        most: Largest change by friction in m/s, same shape.
+        after: After the step with friction against the direction of ``free``.
+    """
+    was = v.take(at)
+    moves = was.nonzero()[0]
+    if not moves.size:
+        return
+    at, was = at[moves], was[moves]
+    end, taken = free.take(at), most.take(at)
+    pushed = np.abs(end - was)
+    share = np.maximum(pushed - taken, 0.0) / np.maximum(pushed + taken, 1e-300)
+    after.put(at, (end - np.copysign(taken, was)) * share)
+
+
+def _rub_aslant(v: Array, free: Array, most: Array, across: Array, after: Array) -> None:
+    """Correct velocities of balls that roll along the other axis as well: ``after``.
+
+    Friction acts against the mean direction of the step.
+    """
     before = np.maximum(np.hypot(v, across), 1e-300)
     end = free - most * v / before
     mean = (v + end) / (before + np.hypot(end, across))
     aslant = across >= MIN_CROSS_SPEED_RATIO * (np.abs(free - v) + most)
-    return np.where(aslant, free - most * mean, after)
-
-
-FRICTION_GUESSES = (0.0, 0.02, 0.08, 0.25)
-"""First guesses of friction, m/s^2."""
-DELAY_GUESSES_S = (0.02, 0.1, 0.2, 0.35)
-"""First guesses of the dead time, s."""
-LAG_GUESSES_S = (0.02, 0.045, 0.07, 0.1, 0.14)
-"""Lags in s that are tried in place of dead time."""
-BY_TILT = 6.5
-"""A first guess of the gain, m/s^2 per rad: between a hollow ball and a solid one."""
-FIRST_WINDOW_S = 0.8
-"""Length in s of the windows of the first fit, which finds its way from any guess."""
-DISTURBED_RESIDUAL_RATIO = 5.0
-"""Residual of such a window over the usual one above which a hand, the rim or a false ball was at
-work: no longer window goes over it."""
-OUTLIER_RATIO = 4.0
-"""Residual of a sample over that of its window above which it is left out."""
-SMOOTH_PARAMETERS = ("gain", "dead_time", "lag", "level")
-"""What is always fitted; the lag is 0 of a measured angle."""
-
-
-NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2])
-"""What is tried beside a value that was found, by it."""
-PROFILE_POINTS = 200
-"""Values between those tried at which the costs of windows are interpolated."""
-HEIGHT_STD_M = 0.005
-"""How far off in m a height that is told may be: standard deviation."""
-ACCEPTED_RESIDUAL_SHARE = 0.9
-"""Share of the usual residual that is left with what is taken."""
-DEAD_BAND_RESIDUAL_SHARE = 0.7
-"""Share of what an ideal drive leaves unexplained that is left with a dead band worth a fit."""
+    np.copyto(after, free - most * mean, where=aslant)
 
 
 @dataclass(frozen=True)
@@ -238,10 +399,12 @@ class Profile:
     Attributes:
         name: The parameter.
         names: Of all of them.
-        theta: The fits, rising in it, shape (K, P).
-        costs: What each window costs, shape (K, W).
-        own: Which of them is the fit that is told.
-        known: Whether it is a lever that is known, and how far off that is.
+        theta: The fits, by rising values of it, shape (K, P).
+        costs: Cost of each window, shape (K, W).
+        own: Index of the fit that is reported.
+        known: Whether the parameter is a lever that is given, with the error of a ruler.
+        how: Constants of the profile.
+        draws: Number of bootstrap draws.
     """
 
     name: str
@@ -250,27 +413,59 @@ class Profile:
     costs: Array
     own: int
     known: bool = False
+    how: DriveSearch = AXIS_FITTING.drives
+    draws: int = BOOTSTRAP.draws
+
+    @property
+    def closed(self) -> tuple[bool, bool]:
+        """Whether no draw of the windows takes the first value, and none the last."""
+        rise = self.costs[[0, -1]] - self.costs[self.own]
+        least = (self._draw_weights() @ rise.T).min(axis=0)
+        below, above = (least > self.how.bracket_rise).tolist()
+        return below, above
+
+    def _draw_weights(self) -> Array:
+        """Weights of the windows in each draw, shape (draws, W)."""
+        return np.random.default_rng(1).exponential(size=(self.draws, self.costs.shape[1]))
+
+    @property
+    def contenders(self) -> Mask:
+        """Values that some draw of the windows may take, and those next to them, shape (K,)."""
+        drawn = self._draw_weights() @ self.costs.T
+        rise = (drawn - drawn.min(axis=1, keepdims=True)).min(axis=0)
+        near = maximum_filter1d((rise < self.how.bracket_rise).astype(np.uint8), 3, mode="nearest")
+        near[self.own] = 1
+        return np.asarray(near > 0)
+
+    def join(self, other: Profile) -> Profile:
+        """That of the values of both."""
+        theta = np.concatenate((self.theta, other.theta))
+        order = np.argsort(theta[:, self.names.index(self.name)])
+        costs = np.concatenate((self.costs, other.costs))[order]
+        own = int(np.flatnonzero(order == self.own)[0])
+        return replace(self, theta=theta[order], costs=costs, own=own)
 
     @cached_property
-    def moved(self) -> dict[str, Array]:
-        """How far parameters are off in the best fits of windows drawn at random, (DRAWS,) each.
+    def deviations(self) -> dict[str, Array]:
+        """Deviations of the parameters in the best fits of windows drawn at random, (draws,) each.
 
-        The Bayesian bootstrap: each window counts by an exponential number. A lever is drawn by its
-        likelihood, as the largest of Gumbel's numbers and its logarithm, and is as far off as a
-        ruler; one that is known by that alone, whatever the windows say.
+        The Bayesian bootstrap: each window has an exponential weight. A lever is drawn by its
+        likelihood, as the largest sum of a Gumbel number and its logarithm, and has the error of a
+        ruler; one that is given has that error alone, whatever the windows say.
         """
         held = self.theta[:, self.names.index(self.name)]
-        fine = np.interp(np.linspace(0, len(held) - 1, PROFILE_POINTS), np.arange(len(held)), held)
+        places = np.linspace(0, len(held) - 1, self.how.interpolated_points)
+        fine = np.interp(places, np.arange(len(held)), held)
         costs, theta = (
             np.stack([np.interp(fine, held, each) for each in part.T], axis=-1)
             for part in (self.costs, self.theta - self.theta[self.own])
         )
         rng = np.random.default_rng(1)
-        drawn = rng.exponential(size=(BOOTSTRAP_DRAWS, costs.shape[1])) @ costs.T
+        drawn = rng.exponential(size=(self.draws, costs.shape[1])) @ costs.T
         if self.name == "lever":  # windows of one frequency agree in what they hardly know
             drawn -= 2 * rng.gumbel(size=drawn.shape)
             best = 0.0 if self.known else fine[drawn.argmin(axis=1), None]
-            drawn = (fine - best - rng.normal(0.0, HEIGHT_STD_M, (BOOTSTRAP_DRAWS, 1))) ** 2
+            drawn = (fine - best - rng.normal(0.0, self.how.height_std_m, (self.draws, 1))) ** 2
         return dict(zip(self.names, theta[drawn.argmin(axis=1)].T, strict=True))
 
 
@@ -295,60 +490,129 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
             lags = np.sqrt(np.maximum(guess[:, names.index("lag")] ** 2 + more, 1e-6))
             guess = _with_lags(guess, names, lags, problem.delays)
         begin = fit_starts(problem, guess, starts[:, source], 4)
-        found = minimise(problem, guess, begin, 12, 2, 2)
+        found = minimise(problem, guess, begin, 12, 2, 2, fit.how.search.control)
         each = problem.costs(found.linearisation.r)
         better = each.sum(axis=1, keepdims=True) < costs.sum(axis=1, keepdims=True)
         theta, costs = np.where(better, found.theta, theta), np.where(better, each, costs)
         starts = np.where(better, found.starts, starts)
     known = name == "lever" and fit.log.lever is not None
-    return Profile(name, names, theta, costs, own, known)
+    return Profile(name, names, theta, costs, own, known, fit.how.drives)
 
 
-def with_drives(fit: AxisFit, longest: float) -> AxisFit:
-    """The fit with what the log shows of its drives: dead band, play, slew."""
-    tilt, windows = fit.problem.tilt, fit.problem.windows
-    rest = residual_by_dead_band(tilt, windows, fit.value("dead_time"), fit.value("lag"))
-    few = np.argsort(rest)[:8]
-    bands = TRIED_DEAD_BANDS[np.sort(few[rest[few] < DEAD_BAND_RESIDUAL_SHARE * rest[0]])]
-    for name in tilt.tried:
-        values, other = (
-            bands if name == "dead_band" else np.array(PLAIN_PARAMETERS[name].tried),
-            fit,
-        )
-        while values.any():
-            found = profile(other, name, values)
-            theta = found.theta[[found.costs.sum(axis=1).argmin()]]
-            more = replace(fit.problem, names=found.names)
-            begun_from = replace(other, problem=more, found=fit.found._replace(theta=theta))
-            last = other.problem.names == found.names
-            other = begun_from.again(fit.log, found.names, longest)
-            values = NEAR_BY * theta[0, found.names.index(name)] * (not last)
-        if other.value(name) and other.sigma < ACCEPTED_RESIDUAL_SHARE * fit.sigma:
-            fit = other
-    return fit
+def profile_contenders(fit: AxisFit, name: str, values: Sequence[float]) -> Profile:
+    """As ``profile``, without values that no draw takes.
+
+    If the fit explains its log, the cost is taken to rise beyond a value that is rejected. If not,
+    a part of the windows rejects values; all of the windows reject them more clearly.
+    """
+    if fit.explained:
+        return _profile_bracket(fit, name, values)
+    how, count = fit.how.drives, len(fit.problem.windows)
+    if count >= 2 * how.scan_windows:
+        some = np.zeros(count, bool)
+        some[np.linspace(0, count - 1, how.scan_windows).round().astype(int)] = True
+        takes = profile(fit.take(some), name, values).contenders
+        values = [value for value, taken in zip(values, takes, strict=True) if taken]
+    return profile(fit, name, values)
+
+
+def _profile_bracket(fit: AxisFit, name: str, values: Sequence[float]) -> Profile:
+    """As ``profile``, of the values about the fitted one up to the first that no draw takes."""
+    own = int(np.abs(np.subtract(values, fit.value(name))).argmin())
+    low, high, more = max(own - 2, 0), own + 3, 2
+    found = profile(fit, name, values[low:high])
+    while True:
+        below, above = found.closed
+        fresh = [*([] if below else values[max(low - more, 0) : low])]
+        fresh += [] if above else values[high : high + more]
+        if not fresh:
+            return found
+        low, high, more = max(low - more, 0), high + more, 2 * more
+        found = found.join(profile(fit, name, fresh))
+
+
+def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
+    """The fit with what the log shows of its drives: dead band, play, slew.
+
+    Each is fitted alone, and the one that explains the same windows best is taken; others that
+    explain them nearly as well are its rivals. Then further ones are added to it.
+    """
+    if fit.explained:
+        return fit
+    tilt, how = fit.problem.tilt, fit.how.drives
+    dead_time, lag = fit.value("dead_time"), fit.value("lag")
+    rest = residual_by_dead_band(tilt, fit.problem.windows, dead_time, lag, how.scan)
+    few = np.argsort(rest)[: how.fitted_dead_bands]
+    few = np.sort(few[rest[few] < how.dead_band_residual_share * rest[0]])
+    values = {name: np.array(PLAIN_PARAMETERS[name].tried) for name in tilt.tried}
+    if "dead_band" in values:
+        values["dead_band"] = np.array(how.scan.dead_bands)[few]
+
+    def accepts(other: AxisFit, name: str, own: AxisFit) -> bool:
+        return other.value(name) > 0 and other.sigma < how.accepted_residual_share * own.sigma
+
+    alone = {name: _fit_effect(fit, name, each, longest) for name, each in values.items()}
+    alone = {name: each for name, each in alone.items() if accepts(each, name, fit)}
+    if not alone:
+        return fit
+    best = min(alone, key=lambda name: alone[name].sigma)
+    found = alone[best]
+    rivals = tuple(
+        (name, each.value(name))
+        for name, each in alone.items()
+        if {name, best} <= set(DRIVE_EFFECTS)
+        and name != best
+        and each.sigma < how.rival_residual_ratio * found.sigma
+    )
+    for name, each in values.items():
+        if name != best and not found.explained:
+            other = _fit_effect(found, name, each, longest)
+            found = other if accepts(other, name, found) else found
+    return replace(found, rivals=rivals)
+
+
+def _fit_effect(fit: AxisFit, name: str, values: Array, longest: float) -> AxisFit:
+    """The fit with a drive effect, first at the best of some values, then about the fitted one."""
+    other = fit
+    while values.any():
+        found = profile(other, name, values)
+        theta = found.theta[[found.costs.sum(axis=1).argmin()]]
+        more = replace(fit.problem, names=found.names)
+        begun_from = replace(other, problem=more, found=fit.found._replace(theta=theta))
+        last = other.problem.names == found.names
+        other = begun_from.refit(fit.log, found.names, longest)
+        fitted = theta[0, found.names.index(name)]
+        values = np.zeros(0) if last else np.array(fit.how.drives.value_factors) * fitted
+    return other
 
 
 def profile_drives(fit: AxisFit) -> AxisFit:
     """The fit with profiles of drives and lever, by which its intervals know of them."""
-    near = {name: NEAR_BY * fit.value(name) for name in fit.problem.tilt.tried}
+    how = fit.how.drives
+    near = {name: np.array(how.value_factors) * fit.value(name) for name in fit.problem.tilt.tried}
     tried = {
         name: sorted({*PLAIN_PARAMETERS[name].tried, *values}) for name, values in near.items()
     }
-    tried.setdefault("lever", [-2 * HEIGHT_STD_M, 0.0, 2 * HEIGHT_STD_M])  # of one that is known
-    return replace(fit, profiles=tuple(profile(fit, *each) for each in tried.items()))
+    # of a lever that is given
+    tried.setdefault("lever", [-2 * how.height_std_m, 0.0, 2 * how.height_std_m])
+    return replace(fit, profiles=tuple(profile_contenders(fit, *each) for each in tried.items()))
 
 
 @dataclass(frozen=True)
-class AxisFit(Fit):
+class AxisFit(Fit[AxisProblem]):
     """The fit of an axis, weighed by the usual residual.
 
     Attributes:
-        log: What was fitted, without the parts where something else moved the ball.
+        log: The fitted samples, without those that something else disturbed.
         sigma: The usual residual in m.
-        noise: What windows of ``BRIEF`` leave, m.
+        noise: The usual residual of the windows of the first fit, m.
         pushed: Seconds left out.
         windowed: The fit to windows of one level, where this one predicts better.
         briefer: The fits to shorter windows, if there are enough.
+        profiles: Likelihood profiles of drive effects and lever.
+        rivals: Drive effects, with their values in swings, that explain the log nearly as well in
+            the place of the fitted one.
+        how: All constants of the fit.
     """
 
     log: AxisLog
@@ -358,65 +622,102 @@ class AxisFit(Fit):
     windowed: AxisFit | None = None
     briefer: tuple[AxisFit, ...] = ()
     profiles: tuple[Profile, ...] = ()
+    rivals: tuple[tuple[str, float], ...] = ()
+    how: AxisFitting = AXIS_FITTING
 
     def estimate(self) -> Estimate:
         """The parameters, as uncertain as what drives and lever may be makes them, too."""
         own, names = super().estimate(), self.problem.names
         for each in self.profiles:
             for at, name in enumerate(names):
-                own.draws[:, at] += each.moved[name]
+                own.draws[:, at] += each.deviations[name]
                 if name == each.name:
                     own.identifiable[at] = True
                     own.degrees_of_freedom[at] = max(len(self.problem.windows) - len(names), 1)
         return own
 
-    def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
+    @property
+    def explained(self) -> bool:
+        """Whether the residuals are as white as noise, so that no other model leaves much less.
+
+        The scatter of differences of successive residuals, over the square root of two, is that of
+        the residuals themselves if they are white, and smaller if a motion is left in them.
+        """
+        rows = zip(self.found.linearisation.r[0], self.problem.windows.weight[..., 0], strict=True)
+        each = [row[: len(weight)][weight > 0] / weight[weight > 0] for row, weight in rows]
+        size, change = (
+            float(np.median([np.median(np.abs(part)) for part in parts if len(part)]))
+            for parts in (each, [np.diff(row) / np.sqrt(2) for row in each])
+        )
+        return change > self.how.drives.white_share * size
+
+    def take(self, which: Mask) -> AxisFit:
+        """That of some of the windows, with the same parameters."""
+        problem = replace(self.problem, windows=self.problem.windows.take(which))
+        found = self.found._replace(
+            starts=self.found.starts[:, :, which],
+            linearisation=self.found.linearisation.take(which),
+        )
+        return replace(self, problem=problem, found=found)
+
+    def refit(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
-        found = _fit_from_guesses(log, problem, longest, guess, self.sigma)
-        return replace(found, noise=self.noise, pushed=self.pushed)
+        found = _fit_from_guesses(log, problem, longest, guess, self.sigma, self.how)
+        return replace(found, noise=self.noise, pushed=self.pushed, rivals=self.rivals)
 
 
 def fit_axis(
-    log: AxisLog, names: tuple[str, ...], longest: float, delays: tuple[float, float]
+    log: AxisLog,
+    names: tuple[str, ...],
+    longest: float,
+    delays: tuple[float, float],
+    how: AxisFitting = AXIS_FITTING,
 ) -> AxisFit:
     """Fit an axis from no first guess.
 
-    Windows of ``BRIEF`` without friction find gain, dead time and level, and what pushed the
-    ball; from there, and from the gain of a mere tilt, the long ones begin with several frictions.
+    Short windows without friction find gain, dead time and level, and what disturbed the ball; from
+    there, and from the gain of a mere tilt, the long ones begin with several frictions.
 
     Args:
         log: Of the axis.
         names: Of the parameters.
         longest: Length of the windows in s.
-        delays: Least and largest dead time in s.
+        delays: Smallest and largest dead time in s.
+        how: All constants of the fit.
 
     Raises:
         LogError: If there are too few windows.
     """
     nothing = axis_windows(log, np.zeros(0), np.zeros(0))
     smooth = tuple(name for name in names if name in SMOOTH_PARAMETERS)
-    problem = PlainProblem(nothing, smooth, TiltHistory(log), longest, delays)
-    brief = _fit_from_guesses(
-        log, problem, FIRST_WINDOW_S, problem.first_guesses(dead_time=DELAY_GUESSES_S), 2e-3
-    )
+    problem = AxisProblem(nothing, smooth, TiltHistory(log), longest, delays)
+    search = how.search
+    guess = problem.first_guesses(dead_time=search.delay_guesses_s)
+    brief = _fit_from_guesses(log, problem, search.first_window_s, guess, 2e-3, how)
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
-    pushed = brief.problem.windows.begin[rms > DISTURBED_RESIDUAL_RATIO * np.median(rms)]
-    log = log.without(pushed, FIRST_WINDOW_S)
-    guess = np.array([[brief.value(name) for name in names]]).repeat(
-        2 * len(FRICTION_GUESSES), axis=0
-    )
-    guess[: len(FRICTION_GUESSES), 0] = np.copysign(BY_TILT * problem.tilt.scale, guess[0, 0])
+    pushed = brief.problem.windows.begin[rms > search.disturbed_residual_ratio * np.median(rms)]
+    log = log.without(pushed, search.first_window_s)
+    frictions = search.friction_guesses_m_s2
+    guess = np.array([[brief.value(name) for name in names]]).repeat(2 * len(frictions), axis=0)
+    by_tilt = search.tilt_gain_m_s2 * problem.tilt.scale
+    guess[: len(frictions), 0] = np.copysign(by_tilt, guess[0, 0])
     if "friction" in names:
-        guess[:, names.index("friction")] = np.tile(FRICTION_GUESSES, 2)
+        guess[:, names.index("friction")] = np.tile(frictions, 2)
     problem = replace(problem, names=names)
-    fit = _fit_from_guesses(log, problem, longest, guess, brief.sigma * longest / FIRST_WINDOW_S)
-    return replace(fit, noise=brief.sigma, pushed=FIRST_WINDOW_S * len(pushed))
+    sigma = brief.sigma * longest / search.first_window_s
+    fit = _fit_from_guesses(log, problem, longest, guess, sigma, how)
+    return replace(fit, noise=brief.sigma, pushed=search.first_window_s * len(pushed))
 
 
 def _fit_from_guesses(
-    log: AxisLog, problem: PlainProblem, longest: float, guess: Array, sigma: float
+    log: AxisLog,
+    problem: AxisProblem,
+    longest: float,
+    guess: Array,
+    sigma: float,
+    how: AxisFitting,
 ) -> AxisFit:
     """The best fit from C guesses, shape (C, P), for a first guess of the residual in m.
 
@@ -426,6 +727,7 @@ def _fit_from_guesses(
         longest: Length of the windows in s.
         guess: First guesses.
         sigma: The residual.
+        how: All constants of the fit.
     """
     windows = axis_windows(log, *spans(log, longest))
     if len(windows) < 3:
@@ -437,31 +739,36 @@ def _fit_from_guesses(
     base = windows.weight
     windows = replace(windows, weight=base / sigma)
     problem = replace(problem, windows=windows, longest=longest + SAMPLE_BIN_S)
-    found = minimise(problem, guess, fit_starts_from_scratch(problem, guess, 4), 8, 6).ahead(3)
-    found = minimise(problem, found.theta, found.starts, 20, 6)
+    control = how.search.control
+    starts = fit_starts_from_scratch(problem, guess, 4)
+    found = minimise(problem, guess, starts, 8, 3, control=control).best(3)
+    found = minimise(problem, found.theta, found.starts, 20, 3, control=control)
     for last in (False, False, True):
-        best = found.ahead(1)
+        best = found.best(1)
         theta, starts = best.theta, best.starts
-        off = np.abs(problem.reported(theta, starts)[0][0] - windows.ball) * base
+        off = np.abs(problem.simulate_samples(theta, starts)[0][0] - windows.ball) * base
         each = 1.4826 * np.nanmedian(np.where(base > 0, off, np.nan), axis=1)
         sigma = max(float(np.median(each)), 1e-5)
-        good = off < OUTLIER_RATIO * np.maximum(each, sigma)[:, None]
+        good = off < how.search.outlier_ratio * np.maximum(each, sigma)[:, None]
         weight = np.where(good, base, 0.0) / sigma
         problem = replace(problem, windows=replace(windows, weight=weight))
         if last and "lag" in problem.names:
-            theta = _along(theta, problem.names, problem.delays)
+            theta = _add_lag_guesses(theta, problem.names, problem.delays, how.search.lag_guesses_s)
             starts = fit_starts(problem, theta, np.repeat(starts, len(theta), axis=1), 4)
-        found = minimise(problem, theta, starts, 30 if last else 6, 4, 2 if last else 0)
-    return AxisFit(problem, found.ahead(1), log, sigma)
+        steps, polish = (30, 2) if last else (6, 0)
+        found = minimise(problem, theta, starts, steps, 3, polish, control)
+    return AxisFit(problem, found.best(1), log, sigma, how=how)
 
 
-def _along(theta: Array, names: tuple[str, ...], delays: tuple[float, float]) -> Array:
-    """Guesses of the same dead time and lag together, for the two are told by their shapes only.
+def _add_lag_guesses(
+    theta: Array, names: tuple[str, ...], delays: tuple[float, float], lags: Sequence[float]
+) -> Array:
+    """Guesses with other lags and the same sum of dead time and lag, next to the given one.
 
-    Without a lag its slope is none, so that no step would ever leave there.
+    Only the shape of a response distinguishes the two. Without a lag its slope is zero, so no step
+    would ever leave there.
     """
-    guesses = _with_lags(theta.repeat(len(LAG_GUESSES_S), axis=0), names, LAG_GUESSES_S, delays)
-    return np.concatenate((theta, guesses))
+    return np.concatenate((theta, _with_lags(theta.repeat(len(lags), axis=0), names, lags, delays)))
 
 
 def _with_lags(
@@ -475,33 +782,28 @@ def _with_lags(
     return found
 
 
-LEVEL_HISTORY_S = 2.4
-"""Seconds of samples of which a level that is followed is known."""
-LEVEL_STD_M_S2 = 0.1
-"""How far off in m/s^2 a level that is followed may be from that of the fit: standard deviation."""
-
-
-def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> Predicted:
-    """Predict from times in s on, shape (W,), by what was measured before.
+def predict_axis(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> Predicted:
+    """Predict from times in s, shape (W,), by the samples before them.
 
     Args:
         log: The axis, held out.
         fit: The model.
         at: When predictions begin.
-        follow: Whether a level that is followed is tried as well, and the model without friction.
+        follow: Whether to predict with a followed level and without friction as well.
     """
+    how, hold_out = fit.how.prediction, fit.how.hold_out
     log = replace(log, across=log.across * fit.log.across[1].any())
     theta, tilt = fit.found.theta, TiltHistory(log, fit.problem.tilt.scale)
     by = {"model": theta}
     if follow:
-        windows = axis_windows(log, at - LEVEL_HISTORY_S, at)
+        windows = axis_windows(log, at - how.level_history_s, at)
         windows = replace(windows, weight=windows.weight / fit.sigma)
         past = replace(
             fit.problem,
             windows=windows,
             tilt=tilt,
-            longest=LEVEL_HISTORY_S + HORIZON_TOLERANCE_S,
-            drift=LEVEL_STD_M_S2,
+            longest=how.level_history_s + hold_out.horizon_tolerance_s,
+            drift=how.level_std_m_s2,
         )
         own = fit_starts_from_scratch(past, theta, 8)[2]
         for who, name, values in (
@@ -511,69 +813,64 @@ def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True
             by[who] = np.repeat(theta[:, None], len(at), axis=1)
             if name in fit.problem.names:
                 by[who][..., fit.problem.names.index(name)] = values
-    found = predict_windows(_ahead(log, fit, at), LEAD_S, by, "x")["x"]
+    found = predict_windows(_prediction_problem(log, fit, at), hold_out.lead_s, by, "x", hold_out)[
+        "x"
+    ]
     return _choose_level(found) if follow else found
 
 
-def _ahead(log: AxisLog, fit: AxisFit, at: Array) -> PlainProblem:
+def _prediction_problem(log: AxisLog, fit: AxisFit, at: Array) -> AxisProblem:
     """Windows from before the times ``at`` in s to the last horizon."""
-    windows = axis_windows(log, at - LEAD_S, at + HORIZONS_S[-1] + HORIZON_TOLERANCE_S)
+    how = fit.how.hold_out
+    lead, tolerance = how.lead_s, how.horizon_tolerance_s
+    windows = axis_windows(log, at - lead, at + how.horizons_s[-1] + tolerance)
     windows = replace(windows, weight=windows.weight / fit.noise)
     tilt = TiltHistory(log, fit.problem.tilt.scale)
-    longest = LEAD_S + HORIZONS_S[-1] + 2 * HORIZON_TOLERANCE_S
-    problem: PlainProblem = fit.problem
-    return replace(problem, windows=windows, tilt=tilt, longest=longest, drift=0.0)
+    longest = lead + how.horizons_s[-1] + 2 * tolerance
+    return replace(fit.problem, windows=windows, tilt=tilt, longest=longest, drift=0.0)
 
 
-HUBER_ERROR_M = 0.003
-"""Error of a prediction in m from which on it counts by its size, no longer by its square."""
-ACCEPTED_ERROR_SHARE = 0.9
-"""Share of an error that is left with what pays."""
-MAX_DELAY_AND_LAG_S = 0.4
-"""Most dead time and lag of such a fit in s."""
-USUAL_GUESSES = {"dead_time": 0.1, "lag": 0.1, "friction": 0.03}
-"""First guesses of that fit, beside those of a fit to windows."""
-
-
-def predicting(fit: AxisFit, longest: float) -> AxisFit:
+def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
     """The fit that predicts its own log best where the one to windows does so badly.
 
     A model in error, such as of servos with a dead band, explains a window best by other values
     than those by which it predicts, for with its start free it may bend its whole way; a level
     that drifts is taken for gain and friction unless each window has its own.
     """
-    own = _typical(fit, fit.log, follow=True)
-    if own < HUBER_ERROR_M:
+    how = fit.how.prediction
+    own = _median_error(fit, fit.log, follow=True)
+    if own < how.huber_error_m:
         return fit
     found, least = fit, own
-    drifting = replace(fit, problem=replace(fit.problem, drift=LEVEL_STD_M_S2))
+    drifting = replace(fit, problem=replace(fit.problem, drift=how.level_std_m_s2))
     for other in (
-        drifting.again(fit.log, fit.problem.names, longest),
-        replace(fit, found=fit.found._replace(theta=_by_predictions(fit))),
+        drifting.refit(fit.log, fit.problem.names, longest),
+        replace(fit, found=fit.found._replace(theta=_fit_predictions(fit))),
     ):
-        left = _typical(other, fit.log, follow=True)
+        left = _median_error(other, fit.log, follow=True)
         if left < least:
             found, least = replace(other, windowed=fit, profiles=fit.profiles), left
     return found
 
 
-def _by_predictions(fit: AxisFit) -> Array:
-    """Parameters fitted to predictions of the log, the best of several beginnings, (1, P)."""
-    problem = _ahead(fit.log, fit, beginnings(fit.log))
+def _fit_predictions(fit: AxisFit) -> Array:
+    """Parameters fitted to predictions of the log, the best of several prediction_times, (1, P)."""
+    how, hold_out = fit.how.prediction, fit.how.hold_out
+    problem = _prediction_problem(fit.log, fit, _thin_prediction_times(fit.log, fit.how))
     windows, names = problem.windows, problem.names
-    known = windows.time < LEAD_S
+    known = windows.time < hold_out.lead_s
     part = replace(windows, weight=windows.weight * known[..., None])
-    before = replace(problem, windows=part, longest=LEAD_S + HORIZON_TOLERANCE_S)
+    before = replace(problem, windows=part, longest=hold_out.lead_s + hold_out.horizon_tolerance_s)
     target = (windows.weight[..., 0] > 0) & ~known
     # what has no slope stays as it is
     step = np.array([PLAIN_PARAMETERS[name].difference or 1e-12 for name in names])
     least, most = problem.bounds
-    most[[name in ("dead_time", "lag") for name in names]] = MAX_DELAY_AND_LAG_S
+    most[[name in ("dead_time", "lag") for name in names]] = how.max_delay_and_lag_s
 
     def off(theta: Array) -> Array:
         theta = np.atleast_2d(theta)
-        places = problem.reported(theta, fit_starts_from_scratch(before, theta, 4))[0]
-        each = np.clip((places - windows.ball)[:, target, 0] / HUBER_ERROR_M, -1e3, 1e3)
+        places = problem.simulate_samples(theta, fit_starts_from_scratch(before, theta, 4))[0]
+        each = np.clip((places - windows.ball)[:, target, 0] / how.huber_error_m, -1e3, 1e3)
         return np.asarray(np.squeeze(each))
 
     def slopes(theta: Array) -> Array:
@@ -581,13 +878,25 @@ def _by_predictions(fit: AxisFit) -> Array:
         each = off(np.concatenate((theta[None], moved)))
         return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
-    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL_GUESSES
+    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | dict(how.initial_values)
     usual |= {name: fit.value(name) for name in PROFILED_EFFECTS}
     first = [[usual.get(name, 0.0) for name in names]]
     first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
     begun_at = np.clip(first, least + 1e-6, most - 1e-6)
-    how: Any = {"bounds": (least, most), "x_scale": step, "loss": "soft_l1", "max_nfev": 100}
-    tried = [least_squares(off, guess, slopes, **how) for guess in begun_at]
+    # the soft L1 loss of scipy's least squares
+    initial = (np.sqrt(1 + off(begun_at) ** 2) - 1).sum(axis=-1)
+    tried = [
+        least_squares(
+            off,
+            guess,
+            slopes,
+            bounds=(least, most),
+            x_scale=step,
+            loss="soft_l1",
+            max_nfev=how.max_evaluations,
+        )
+        for guess in begun_at[np.argsort(initial)[: how.continued_guesses]]
+    ]
     found = min(tried, key=lambda each: float(each.cost))
     return np.asarray(found.x[None])
 
@@ -597,46 +906,63 @@ def _choose_level(found: Predicted) -> Predicted:
     gained = [
         np.log(np.maximum(np.abs(found.errors(name, 1.0)), 1e-4)) for name in PREDICTOR_NAMES[:2]
     ]
-    gain = np.where(found.way > MIN_MOTION_M, gained[0] - gained[1], np.nan)
-    seen = found.begin[:, None] >= found.begin + 1.0 + HORIZON_TOLERANCE_S
+    gain = np.where(found.moves, gained[0] - gained[1], np.nan)
+    seen = found.begin[:, None] >= found.begin + 1.0 + found.how.horizon_tolerance_s
     so_far = np.nansum(np.where(seen, gain, 0.0), axis=1)
     followed = np.where(so_far[:, None] > 0, found.by["level followed"], found.by["model"])
     return replace(found, by={**found.by, "level followed": followed})
 
 
-def beginnings(log: AxisLog) -> Array:
+def prediction_times(log: AxisLog, fitting: AxisFitting = AXIS_FITTING) -> Array:
     """When predictions begin: every half second with enough samples before and after, s."""
-    time = log.sampled
+    how, history = fitting.hold_out, fitting.prediction.level_history_s
+    time, first_horizon = log.sampled, how.horizons_s[0]
     if len(time) < 10:
         return np.zeros(0)
-    tries = np.arange(time[0] + LEVEL_HISTORY_S, time[-1] - HORIZONS_S[0], PREDICTION_INTERVAL_S)
+    tries = np.arange(time[0] + history, time[-1] - first_horizon, how.interval_s)
     step = float(np.median(np.diff(time)))
     before, past, after = (
         np.searchsorted(time, tries + last) - np.searchsorted(time, tries + first)
         for first, last in (
-            (-LEAD_S, 0.0),
-            (-LEVEL_HISTORY_S, 0.0),
-            (0.0, HORIZONS_S[0] + HORIZON_TOLERANCE_S),
+            (-how.lead_s, 0.0),
+            (-history, 0.0),
+            (0.0, first_horizon + how.horizon_tolerance_s),
         )
     )
     return tries[
-        (before >= max(3, 0.5 * LEAD_S / step))
-        & (past >= 0.5 * LEVEL_HISTORY_S / step)
-        & (after > 0)
+        (before >= max(3, 0.5 * how.lead_s / step)) & (past >= 0.5 * history / step) & (after > 0)
     ]
+
+
+def _thin_prediction_times(log: AxisLog, fitting: AxisFitting) -> Array:
+    """Evenly chosen ones of the prediction times, at most as many as fits are compared by, s."""
+    every = prediction_times(log, fitting)
+    return every[:: max(1, -(-len(every) // fitting.prediction.max_predictions))]
+
+
+def find_significance(fit: AxisFit, name: str) -> float:
+    """Standard deviations by which the next step of a fit would move a parameter from zero."""
+    problem = replace(fit.problem, names=(*fit.problem.names, name))
+    theta = np.append(fit.found.theta, [[0.0]], axis=1)
+    line = problem.linearise(theta, fit.found.starts)
+    free, _ = line.eliminate_starts()
+    each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
+    normal = each[1:, 1:] + np.diag(problem.known[1] + 1e-9)
+    inverse = np.linalg.inv(normal)
+    return float(abs((inverse @ each[1:, 0])[-1]) / np.sqrt(inverse[-1, -1]))
 
 
 def cross_validate(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
     """Error in m of fits of each half of a log by these parameters, in the other half.
 
-    See ``_typical``.
+    See ``_median_error``.
     """
     time = fit.log.sampled
     middle = float(np.median(time))
     halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
     try:
         each = [
-            _typical(fit.again(fitted, names, longest), tried, follow=fit.problem.drift > 0)
+            _median_error(fit.refit(fitted, names, longest), tried, follow=fit.problem.drift > 0)
             for fitted, tried in (halves, halves[::-1])
         ]
     except LogError:  # a half has too few windows
@@ -644,18 +970,20 @@ def cross_validate(fit: AxisFit, names: tuple[str, ...], longest: float) -> floa
     return float(np.sqrt(np.prod(each)))
 
 
-def _typical(fit: AxisFit, log: AxisLog, *, follow: bool = False) -> float:
+def _median_error(fit: AxisFit, log: AxisLog, *, follow: bool = False) -> float:
     """Geometric mean over the horizons of the median error in m where the ball moves.
 
     Infinite if one is unknown; of the better of model and level that is followed.
     """
-    at = beginnings(log)
+    at = _thin_prediction_times(log, fit.how)
     if len(at) < 3:
         return np.inf
-    found = axis_predicted(log, fit, at, follow=follow)
-    moves = found.way > MIN_MOTION_M
+    found = predict_axis(log, fit, at, follow=follow)
     medians = [
-        [quantile(found.errors(who, ahead)[moves], 0.5) for ahead in HORIZONS_S]
+        [
+            absolute_quantile(found.errors(who, ahead)[found.moves], 0.5)
+            for ahead in found.how.horizons_s
+        ]
         for who in PREDICTOR_NAMES[: 1 + follow]
     ]
     each = np.exp(np.mean(np.log(medians), axis=1))

@@ -15,10 +15,10 @@ from scipy.signal import butter, detrend, filtfilt, lfilter
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.hal.cams import CamTable
+from twin.identify.least_squares import Estimate, Fit, FitProblem, SampleWindows, minimise
 from twin.identify.logs import resolution
 from twin.identify.parameters import DRIVE_PARAMETERS
 from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL_SPEED_M_S, PreparedLog, Segment, speed
-from twin.identify.search import Estimate, Fit, Fitting, SampleWindows, minimise
 from twin.sim.rig import Hysteresis, Play
 
 CORNER_FREQUENCIES_HZ = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
@@ -138,25 +138,22 @@ def _resonance_delay(log: PreparedLog, segments: list[Segment], value: Array) ->
 
 
 @dataclass(frozen=True)
-class DriveProblem(Fitting):
+class DriveProblem(FitProblem[SampleWindows]):
     """How plates follow commands, in pieces without their parabola.
 
     Attributes:
-        windows: The pieces.
         log: What was recorded.
         segments: Parts of it with commands.
     """
 
-    windows: SampleWindows
     log: PreparedLog
     segments: list[Segment]
-    names = tuple(DRIVE_PARAMETERS)
     about = DRIVE_PARAMETERS
     start_steps = np.zeros(0)
     prior = np.zeros((0, 0))
     grows = True
 
-    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+    def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """The pieces as drives would make them, twice, shape (C, W, rows, 2)."""
         angles = [_plate(segment, self.log, theta) for segment in self.segments]
         found = _remove_parabola(angles, self.windows.time.shape[1])
@@ -182,13 +179,13 @@ def _fit_plate(log: PreparedLog, segments: list[Segment], theta: Array, rows: in
     weight = np.ones_like(ball)
     for _ in range(2):
         windows = SampleWindows(begin, np.zeros(ball.shape[:2]), ball, weight)
-        problem = DriveProblem(windows, log, segments)
+        problem = DriveProblem(windows, tuple(DRIVE_PARAMETERS), log, segments)
         misfit = problem.misfit(problem.linearise(theta, starts, slopes=False).r)
         weight = weight / np.sqrt(max(float(np.median(misfit.min(axis=0))), 1e-30))
         problem = replace(problem, windows=replace(windows, weight=weight))
         found = minimise(problem, theta, starts, MAX_DRIVE_STEPS)
         theta = found.theta
-    return Fit(problem, found.ahead(1)).estimate()
+    return Fit(problem, found.best(1)).estimate()
 
 
 def _plate(segment: Segment, log: PreparedLog, theta: Array) -> Array:

@@ -85,14 +85,14 @@ def paces(segment: Segment, at: Array) -> Array:
     )
 
 
-def ball_samples(log: Log, period: float, notes: list[str]) -> tuple[Mask, Array]:
-    """Rows that bring a usable ball sample, and the standard deviation of one in m, shape (2,).
+def find_ball_samples(log: Log, period: float) -> tuple[Mask, Array, list[str]]:
+    """Rows with a new usable ball sample, its standard deviation in m, shape (2,), and notes.
 
     Args:
         log: K rows.
         period: Seconds between two of them.
-        notes: Gets what had to be left out, in words.
     """
+    notes = list[str]()
     usable = log.touched & np.isfinite(log.ball).all(axis=-1)
     if (log.touched & ~usable).any():
         missing = int((log.touched & ~usable).sum())
@@ -104,7 +104,7 @@ def ball_samples(log: Log, period: float, notes: list[str]) -> tuple[Mask, Array
     spikes[fresh] = (np.abs(off) > np.maximum(8 * sigma, 0.003)).any(axis=-1)
     if spikes.any():
         notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")
-    return fresh & ~spikes, sigma
+    return fresh & ~spikes, sigma, notes
 
 
 def _new_position(age: Array, ball: Array, period: float) -> Mask:
@@ -238,8 +238,7 @@ def prepare(log: Log) -> PreparedLog:
     Raises:
         LogError: If the clock runs backwards, or too little is left.
     """
-    notes = list[str]()
-    log = _complete_rows(log, notes)
+    log, notes = _select_complete_rows(log)
     time = log.time
     if len(time) < 100:
         raise LogError(
@@ -256,7 +255,8 @@ def prepare(log: Log) -> PreparedLog:
         lifted[first:stop] = time[stop - 1] - time[first] >= MIN_LIFT_S
     if lifted.any():
         notes.append(f"ball not detected for {period * lifted.sum():.2f} s: left out")
-    fresh, sigma = ball_samples(log, period, notes)
+    fresh, sigma, sample_notes = find_ball_samples(log, period)
+    notes += sample_notes
     good = ~lifted
     good[:-1] &= ~gap
     segments = [
@@ -286,14 +286,14 @@ def interpolate(at: Array, time: Array, values: Array) -> Array:
     return np.stack([np.interp(at, time, values[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-def _complete_rows(log: Log, notes: list[str]) -> Log:
-    """The rows with time, plate angles and command."""
+def _select_complete_rows(log: Log) -> tuple[Log, list[str]]:
+    """The rows with time, plate angles and command, and a note on the others."""
     rows = np.isfinite(log.time) & np.isfinite(log.plate).all(axis=-1)
     if log.command is not None:
         rows &= np.isfinite(log.command).all(axis=-1)
-    if (~rows).any():
-        notes.append(f"{int((~rows).sum())} rows without time, plate angle or command left out")
-    return log.rows(rows)
+    missing = int((~rows).sum())
+    notes = [f"{missing} rows without time, plate angle or command left out"] if missing else []
+    return log.rows(rows), notes
 
 
 def _period(time: Array, source: str) -> float:

@@ -12,7 +12,17 @@ from matplotlib.figure import Figure
 from twin.base import page
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits
 from twin.base.writing import write_whole
-from twin.identify import judged
+from twin.identify.verdicts import (
+    BOUNDED_VERDICT,
+    GIVEN_VERDICT,
+    IDENTIFIED_VERDICT,
+    NOT_IDENTIFIABLE,
+    PREDICTOR_NAMES,
+    REJECTED_VERDICT,
+    HoldOutPrediction,
+    Identification,
+    PredictionScore,
+)
 from twin.run.picture import RUN_COLOURS, styled_figure
 
 TABLE_HEADINGS = ("parameter", "value", "95 % interval", "unit", "verdict")
@@ -22,17 +32,17 @@ WORSE_SHARE = 0.02
 """Share by which a model may be worse than a baseline before it is said."""
 
 
-def sentences(found: judged.Identification) -> list[str]:
+def sentences(found: Identification) -> list[str]:
     """The verdict in words: what the model predicts, then what is known of its parameters."""
-    words = list(_describe_scores(found.scores))
+    words = list(_describe_scores(found))
     for said, among in (
-        ("Identified", (judged.IDENTIFIED_VERDICT,)),
+        ("Identified", (IDENTIFIED_VERDICT,)),
         (
             "Best fit only, as the log rejects the model: no error is known",
-            (judged.REJECTED_VERDICT,),
+            (REJECTED_VERDICT,),
         ),
-        ("Not identified from this log", (judged.BOUNDED_VERDICT, judged.NOT_IDENTIFIABLE)),
-        ("Held as it was told, not fitted", (judged.GIVEN_VERDICT,)),
+        ("Not identified from this log", (BOUNDED_VERDICT, NOT_IDENTIFIABLE)),
+        ("Held as it was told, not fitted", (GIVEN_VERDICT,)),
     ):
         labels = [each.label for each in found.verdicts if each.word in among]
         names = [each.removeprefix("plant.").removeprefix("sensors.") for each in labels]
@@ -41,10 +51,10 @@ def sentences(found: judged.Identification) -> list[str]:
     return [*words, *found.remarks]
 
 
-def _describe_scores(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:
-    """What the model is worth, in sentences."""
-    ahead = judged.HORIZONS_S.index(1.0)
-    for each in scores:
+def _describe_scores(found: Identification) -> Iterator[str]:
+    """The errors of the model on the held-out part, in sentences."""
+    ahead = found.how.horizons_s.index(1.0)
+    for each in found.scores:
         name = "both axes together" if len(each.axes) > 1 else each.axes
         if not each.windows:
             yield f"Of what was held out, {name}: the ball moves nowhere: nothing can be judged."
@@ -62,8 +72,8 @@ def _describe_scores(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str
             f"{off['without friction']:.1f} mm without friction; a ball that stays "
             f"{off['stays']:.1f} mm, one that goes on {off['goes on']:.1f} mm."
         )
-        models = [who for who in judged.PREDICTOR_NAMES[:2] if who in each.median]
-        lost = {who: list(_lost(each, who)) for who in models}
+        models = [who for who in PREDICTOR_NAMES[:2] if who in each.median]
+        lost = {who: list(_name_lost_horizons(each, who, found.how)) for who in models}
         if both := [one for one in lost["model"] if all(one in rest for rest in lost.values())]:
             yield (
                 f"WORSE THAN NO MODEL, {name}: {'; '.join(both)}. Do not predict this rig by it "
@@ -73,25 +83,25 @@ def _describe_scores(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str
             yield f"{name}: follow the level: without, {'; '.join(lost['model'])}."
         elif lost.get(LEVEL_FOLLOWED):
             yield f"{name}: do not follow the level: with it, {'; '.join(lost[LEVEL_FOLLOWED])}."
-    if not scores:
+    if not found.scores:
         yield "Nothing was held out that could judge it: no stretch of 3 s with the ball seen."
 
 
-def _lost(score: judged.PredictionScore, who: str) -> Iterator[str]:
-    """Where a model loses to the better of the baselines."""
-    for k, ahead in enumerate(judged.HORIZONS_S):
+def _name_lost_horizons(score: PredictionScore, who: str, how: HoldOutPrediction) -> Iterator[str]:
+    """The horizons at which the better of the baselines has a smaller error than a model."""
+    for k, ahead in enumerate(how.horizons_s):
         best = min(BASELINE_NAMES, key=lambda who: score.median[who][k])
         least = score.median[best][k]
         if score.median[who][k] > (1 + WORSE_SHARE) * least:
             yield f"after {ahead:g} s {BASELINE_NAMES[best]} is {1000 * least:.1f} mm off"
 
 
-def _held_out(found: judged.Identification) -> list[Block]:
+def _held_out(found: Identification) -> list[Block]:
     """What was held out, as a table and in pictures."""
     if not found.scores:
         return []
     heads = ["axes", "by"]
-    for ahead in judged.HORIZONS_S:
+    for ahead in found.how.horizons_s:
         heads += [f"{ahead:g} s, median [mm]", f"{ahead:g} s, 90 % [mm]"]
     rows = [
         (
@@ -99,7 +109,7 @@ def _held_out(found: judged.Identification) -> list[Block]:
             who,
             *(
                 digits(1000 * table[who][k]) if math.isfinite(table[who][k]) else "-"
-                for k in range(len(judged.HORIZONS_S))
+                for k in range(len(found.how.horizons_s))
                 for table in (each.median, each.ninety)
             ),
         )
@@ -107,7 +117,7 @@ def _held_out(found: judged.Identification) -> list[Block]:
         for who in each.median
     ]
     note = (
-        f"Where the ball moves by more than {1000 * judged.MIN_MOTION_M:g} mm. Every prediction "
+        f"Where the ball moves by more than {1000 * found.how.min_motion_m:g} mm. Every prediction "
         "begins with what 0.4 s before show of place and velocity."
     )
     if LEVEL_FOLLOWED in found.scores[0].median:
@@ -120,7 +130,7 @@ def _held_out(found: judged.Identification) -> list[Block]:
     return out
 
 
-def rows(found: judged.Identification) -> list[tuple[str, str, str, str, str]]:
+def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
     """The verdicts as a table under ``HEADS``."""
     return [
         (each.label, digits(each.value), each.interval, each.about.unit, each.word)
@@ -128,9 +138,7 @@ def rows(found: judged.Identification) -> list[tuple[str, str, str, str, str]]:
     ]
 
 
-def parameters(
-    found: judged.Identification, words: tuple[str, ...] = (judged.IDENTIFIED_VERDICT,)
-) -> str:
+def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED_VERDICT,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     lines = [
         f"# Identified from {found.source} by `ballplate identify`; a scenario takes it by",
@@ -140,13 +148,13 @@ def parameters(
     return "\n".join(lines) + "\n"
 
 
-def write(found: judged.Identification, folder: Path) -> None:
+def write(found: Identification, folder: Path) -> None:
     """Write report.html and, if anything was identified, parameters.toml.
 
     Raises:
         RecordError: If a file cannot be written.
     """
-    good = any(each.word == judged.IDENTIFIED_VERDICT for each in found.verdicts)
+    good = any(each.word == IDENTIFIED_VERDICT for each in found.verdicts)
     verdicts = [(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)]
     blocks: list[Block] = [
         Verdict(sentences(found), good),
@@ -166,20 +174,20 @@ def write(found: judged.Identification, folder: Path) -> None:
         write_whole(folder / "parameters.toml", parameters(found))
 
 
-def _prediction_figure(found: judged.Identification) -> Figure:
+def _prediction_figure(found: Identification) -> Figure:
     axes = found.predictions
     with styled_figure(12, 4) as figure:
         panels = figure.subplots(1, len(axes), squeeze=False)[0]
         for panel, (axis, each) in zip(panels, axes.items(), strict=True):
             errors = np.abs(each.errors("model", 1.0))
-            errors[each.way <= judged.MIN_MOTION_M] = np.nan
+            errors[~each.moves] = np.nan
             if not np.isfinite(errors).any():
                 continue
             w = int(np.nanargmin(np.abs(errors - np.nanmedian(errors))))
             seen = np.isfinite(each.ball[w])
             ahead = each.ahead[w, seen]
             panel.plot(ahead, 1000 * each.ball[w, seen], ".", color="0.4", ms=4)
-            models = [who for who in judged.PREDICTOR_NAMES[:3] if who in each.by]
+            models = [who for who in PREDICTOR_NAMES[:3] if who in each.by]
             for colour, who in zip(RUN_COLOURS, models, strict=False):
                 panel.plot(ahead, 1000 * each.by[who][w, seen], color=colour, label=who)
             panel.axvline(0, color="0.5", lw=1, ls=":")

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy import stats
@@ -17,7 +17,17 @@ from scipy import stats
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify import judged, search
+from twin.identify.least_squares import (
+    START_DIFFERENCES,
+    START_PRIOR,
+    Estimate,
+    Fit,
+    FitProblem,
+    Linearisation,
+    Minimum,
+    fit_starts_from_scratch,
+    minimise,
+)
 from twin.identify.logs import Log, rig_of
 from twin.identify.parameters import (
     AT_REST,
@@ -29,6 +39,21 @@ from twin.identify.parameters import (
 )
 from twin.identify.plate_motion import Drives, check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
+from twin.identify.verdicts import (
+    BOUNDED_VERDICT,
+    HOLD_OUT,
+    IDENTIFIED_VERDICT,
+    MAX_CORRELATION,
+    NOT_IDENTIFIABLE,
+    REJECTED_VERDICT,
+    HoldOutPrediction,
+    Identification,
+    ParameterVerdict,
+    Predicted,
+    corner_frequency,
+    predict_windows,
+    score,
+)
 from twin.identify.windows import (
     LOOKBACK_S,
     Patches,
@@ -39,29 +64,101 @@ from twin.identify.windows import (
     replay,
     unknown_motion,
 )
-from twin.sim.plant.friction import Friction
+from twin.sim.plant.friction import Friction, SurfaceMap
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseSearch:
+    """Constants of the search for the size of motion that no replay explains.
+
+    Attributes:
+        unevenness_shares: Tried shares of the friction that differ from patch to patch of a screen:
+            standard deviations.
+        forces_m_s2: Tried sizes of unknown forces, see ``unknown_motion``.
+        initial_sizes: The share and the force with which the search begins.
+        iterations: Fits with the sizes that the fit before made most likely.
+        patch_step_share: Share by which the friction of a patch is raised to find its effect.
+    """
+
+    unevenness_shares: tuple[float, ...] = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)
+    forces_m_s2: tuple[float, ...] = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+    initial_sizes: tuple[float, float] = (0.1, 1e-3)
+    iterations: int = 3
+    patch_step_share: float = 0.03
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinSelection:
+    """Constants of the choice of windows, guesses and model of a fit of the twin.
+
+    Attributes:
+        max_window_s: Longest window: long enough for friction to add up, short enough to forget an
+            error of the start.
+        breakaway_ratios: Tried breakaway ratios.
+        fitted_guesses: Number of the best guesses that are fitted with all windows.
+        unexplained_misfit_ratio: Mean square misfit over the usual one above which a window is left
+            out at the end: where the ball nearly stops, noise decides whether it does, and no
+            replay can know.
+        free_start_gain_limit: Noise variances by which a free speed at the start may reduce the
+            misfit of a window in which the ball rests at first.
+        min_viscous_stds: Standard deviations above zero from which viscous friction is fitted.
+        even_screen_share: Share of the windows that an even screen must explain.
+        noise: Constants of the search for unknown motion.
+    """
+
+    max_window_s: float = 2.5
+    breakaway_ratios: tuple[float, ...] = tuple((1 + np.linspace(0, 2.2, 32) ** 1.3).tolist())
+    fitted_guesses: int = 3
+    unexplained_misfit_ratio: float = 2.0
+    free_start_gain_limit: float = float(stats.chi2.ppf(0.99, 2))
+    min_viscous_stds: float = 4.0
+    even_screen_share: float = 0.8
+    noise: NoiseSearch = NoiseSearch()
+
+
+@dataclass(frozen=True, kw_only=True)
+class WhitenessTest:
+    """Constants of the test that residuals are white (Box and Pierce).
+
+    Attributes:
+        lags: Number of lags of the autocorrelation that are tested.
+        level: Level of the test.
+        slight_correlation: Correlation that a long log shows but that rejects no model: what moves
+            together is then a twentieth of the noise variance, less than 0.1 mm. A replay of the
+            twin itself leaves up to 0.03; the scatter of the intervals between windows is of this
+            size.
+        max_unexplained_share: Share of the noise variance up to which unexplained motion widens the
+            intervals; a model that leaves more is rejected.
+    """
+
+    lags: int = 20
+    level: float = 0.99
+    slight_correlation: float = 0.05
+    max_unexplained_share: float = 0.3
+
+
+TWIN_SELECTION = TwinSelection()
+WHITENESS_TEST = WhitenessTest()
 
 
 @dataclass(frozen=True)
-class Problem(search.Fitting):
-    """What is fitted to what.
+class TwinProblem(FitProblem[Windows]):
+    """Replays of the ball on the measured plate.
 
     Attributes:
         model: Ball parameters.
-        windows: The samples.
-        names: Names of the parameters that are fitted, P of them.
         grip: Time in s within which friction stops a ball, see ``replay``.
         sizes: Of the unknown motion: share of the friction from patch to patch, and m/s^2.
+        noise: Constants of the search for these sizes.
     """
 
     model: BallPlate
-    windows: Windows
-    names: tuple[str, ...]
     grip: float = 0.0
     sizes: tuple[float, float] = (0.0, 0.0)
+    noise: NoiseSearch = TWIN_SELECTION.noise
     about = BALL_PARAMETERS
-    start_steps = search.START_DIFFERENCES
-    prior = search.START_PRIOR
+    start_steps = START_DIFFERENCES
+    prior = START_PRIOR
 
     def values(self, theta: Array) -> dict[str, Array]:
         """All ball parameters by name, those not fitted at values without effect, shape (C, 1).
@@ -91,7 +188,9 @@ class Problem(search.Fitting):
             out[: 2 * len(found), 0, w] = found.ravel()
         return out
 
-    def replayed(self, theta: Array, starts: Array, surfaces: Any = None) -> tuple[Array, Array]:
+    def replay(
+        self, theta: Array, starts: Array, surfaces: SurfaceMap | Patches | None = None
+    ) -> tuple[Array, Array]:
         """Positions and velocities of the ball in m and m/s, both shape (N, 2, C, W).
 
         Args:
@@ -107,7 +206,7 @@ class Problem(search.Fitting):
             stribeck_speed=values["stribeck"],
             dwell_time=values["dwell"],
             viscous=values["viscous"],
-            map=surfaces,
+            map=cast("SurfaceMap | None", surfaces),  # patches are called alike
         )
         return replay(
             self.windows.field,
@@ -120,14 +219,12 @@ class Problem(search.Fitting):
             self.windows.paces,
         )
 
-    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+    def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """What the screen would have reported in m, and its rate in m/s, (C, W, B, 2)."""
-        places, speeds = self.replayed(theta, starts)
+        places, speeds = self.replay(theta, starts)
         return self.windows.at_samples(places, speeds, self.values(theta)["delay"])
 
-    def linearise(
-        self, theta: Array, starts: Array, *, slopes: bool = True
-    ) -> search.Linearisation:
+    def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
         """Residuals and slopes of C candidates; a resting ball has no speed to be fitted."""
         found = super().linearise(theta, starts, slopes=slopes)
         found.by_start[:, self.windows.resting, :, 2:] = 0.0
@@ -139,19 +236,20 @@ class Problem(search.Fitting):
             r=r, by_start=white @ found.by_start, by_parameter=white @ found.by_parameter
         )
 
-    def _unknown(self, best: search.Minimum) -> tuple[Array, int]:
+    def _unknown(self, best: Minimum) -> tuple[Array, int]:
         """What patches of the screen and other forces move the samples by, and how many patches."""
         windows, delay = self.windows, self.values(best.theta)["delay"]
-        plain = self.replayed(best.theta, best.starts)
-        spots = Patches.near(np.moveaxis(plain[0], 1, -1), PATCH_STEP_SHARE)
+        plain = self.replay(best.theta, best.starts)
+        step = self.noise.patch_step_share
+        spots = Patches.near(np.moveaxis(plain[0], 1, -1), step)
         many = len(spots.points)
         each = (best.theta.repeat(many, axis=0), best.starts.repeat(many, axis=1))
-        moved = windows.at_samples(*self.replayed(*each, spots), delay.repeat(many, axis=0))[0]
-        moved = (moved - windows.at_samples(*plain, delay)[0]) * windows.weight / PATCH_STEP_SHARE
+        moved = windows.at_samples(*self.replay(*each, spots), delay.repeat(many, axis=0))[0]
+        moved = (moved - windows.at_samples(*plain, delay)[0]) * windows.weight / step
         uneven = np.moveaxis(moved.reshape(many, len(windows), -1), 0, -1)
         return np.concatenate((uneven, unknown_motion(windows, float(delay[0, 0]))), axis=-1), many
 
-    def whitened(self, best: search.Minimum, sizes: tuple[float, float]) -> Problem:
+    def whiten(self, best: Minimum, sizes: tuple[float, float]) -> TwinProblem:
         """The problem with the unknown motion of a screen of that unevenness, and other forces."""
         moved, count = self._unknown(best)
         moved = moved * np.where(np.arange(moved.shape[-1]) < count, *sizes)
@@ -160,14 +258,14 @@ class Problem(search.Fitting):
         windows = replace(self.windows, white=white, shared=white @ moved[..., :count])
         return replace(self, windows=windows, sizes=sizes)
 
-    def likeliest(self, best: search.Minimum) -> tuple[float, float]:
+    def estimate_sizes(self, best: Minimum) -> tuple[float, float]:
         """Sizes of the unknown motion that make a fit's residuals most likely."""
         weight = self.weights(self.linearise(best.theta, best.starts, slopes=False).r)[0]
         plain = replace(self, windows=replace(self.windows, white=None, shared=None))
         line = plain.linearise(best.theta, best.starts)
         moved, count = self._unknown(best)
         found = {}
-        for sizes in product(UNEVENNESS_SHARES, UNKNOWN_FORCES_M_S2):
+        for sizes in product(self.noise.unevenness_shares, self.noise.forces_m_s2):
             each = np.where(np.arange(moved.shape[-1]) < count, *sizes)
             left, spread = line.without_starts(moved * each)
             total = np.einsum("w,wij->ij", weight, left)
@@ -177,30 +275,15 @@ class Problem(search.Fitting):
         return min(found, key=lambda sizes: found[sizes])
 
 
-UNEVENNESS_SHARES = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)
-"""Shares of the friction that may differ from patch to patch of a screen: standard deviations."""
-PATCH_STEP_SHARE = 0.03
-"""Share by which the friction of a patch is raised to see what that does."""
-UNKNOWN_FORCES_M_S2 = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)
-"""Other forces in m/s^2 that may act on the ball unknown, see ``unknown_motion``."""
-FIRST_SIZES = (0.1, 1e-3)
-"""Initial unevenness and unknown force of the noise search."""
-NOISE_SEARCH_ITERATIONS = 3
-"""Iterations of the noise search."""
-BREAKAWAY_RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
-"""Breakaway ratios that are tried."""
-FITTED_GUESSES = 3
-"""This many of them, the best, are first guesses of a full fit."""
-UNEXPLAINED_MISFIT_RATIO = 2.0
-"""Mean square misfit over the usual one above which a window is left out at the end: where the
-ball nearly comes to rest, a touch of noise decides whether it does, and no replay can know."""
-FREE_START_GAIN_LIMIT = float(stats.chi2.ppf(0.99, 2))
-"""Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
-
-
 def fit_twin(
-    model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float, *, uneven: bool = False
-) -> search.Fit:
+    model: BallPlate,
+    windows: Windows,
+    names: tuple[str, ...],
+    grip: float,
+    *,
+    uneven: bool = False,
+    selection: TwinSelection = TWIN_SELECTION,
+) -> Fit[TwinProblem]:
     """Fit the parameters, from many starts; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
@@ -211,68 +294,68 @@ def fit_twin(
     windows the ball did not rest at first, but crept. Of an uneven screen the patches, and other
     forces that nobody knows, are part of the noise, in the sizes that make the log most likely.
     """
-    problem = Problem(model, windows, names, grip)
-    guesses = _scan_breakaway(problem, _fit_rolling(problem))
-    found = search.minimise(
-        problem, guesses, search.fit_starts_from_scratch(problem, guesses, 3), 12, 4
-    )
-    sizes = FIRST_SIZES
-    for _ in range(NOISE_SEARCH_ITERATIONS if uneven else 0):
-        problem = problem.whitened(found.ahead(1), sizes)
-        found = search.minimise(problem, found.theta, found.starts, 15, 4).ahead(1)
-        sizes = problem.likeliest(found)
+    problem = TwinProblem(windows, names, model, grip, noise=selection.noise)
+    guesses = _scan_breakaway(problem, _fit_rolling(problem), selection)
+    found = minimise(problem, guesses, fit_starts_from_scratch(problem, guesses, 3), 12, 4)
+    sizes = selection.noise.initial_sizes
+    for _ in range(selection.noise.iterations if uneven else 0):
+        problem = problem.whiten(found.best(1), sizes)
+        found = minimise(problem, found.theta, found.starts, 15, 4).best(1)
+        sizes = problem.estimate_sizes(found)
     if uneven:
-        problem = problem.whitened(found, sizes)
-        found = search.minimise(problem, found.theta, found.starts, 15, 4)
+        problem = problem.whiten(found, sizes)
+        found = minimise(problem, found.theta, found.starts, 15, 4)
     while True:
-        best = found.ahead(1)
+        best = found.best(1)
         misfit = problem.misfit(best.linearisation.r)[0]
-        kept = misfit < UNEXPLAINED_MISFIT_RATIO * max(1.0, float(np.median(misfit)))
+        usual = max(1.0, float(np.median(misfit)))
+        kept = misfit < selection.unexplained_misfit_ratio * usual
         if kept.all() or kept.sum() < max(3, len(windows) / 2):
             break
         problem = replace(problem, windows=problem.windows.take(kept))
-        found = search.minimise(problem, found.theta, found.starts[:, :, kept], 15, 4)
-    creeping = _creeping(problem, best.theta, best.starts)
+        found = minimise(problem, found.theta, found.starts[:, :, kept], 15, 4)
+    creeping = _find_creeping(problem, best.theta, best.starts, selection)
     if creeping.any():
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
-        return fit_twin(model, replace(windows, resting=resting), names, grip, uneven=uneven)
+        windows = replace(windows, resting=resting)
+        return fit_twin(model, windows, names, grip, uneven=uneven, selection=selection)
     if not uneven:
-        return search.Fit(problem, best)
+        return Fit(problem, best)
     # what the patches do is another thing where the ball, at the best fit, goes or starts otherwise
-    problem = problem.whitened(best, sizes)
+    problem = problem.whiten(best, sizes)
     line = problem.linearise(best.theta, best.starts)
-    return search.Fit(problem, best._replace(linearisation=line))
+    return Fit(problem, best._replace(linearisation=line))
 
 
-def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
+def _find_creeping(
+    problem: TwinProblem, theta: Array, starts: Array, selection: TwinSelection = TWIN_SELECTION
+) -> Mask:
     """Windows begun at rest that a ball which creeps at first explains better, shape (W,)."""
     windows = problem.windows
     free = replace(problem, windows=replace(windows, resting=np.zeros_like(windows.resting)))
-    going = search.fit_starts_from_scratch(free, theta, 8)
+    going = fit_starts_from_scratch(free, theta, 8)
     rest, roll = (
         problem.misfit(problem.linearise(theta, each, slopes=False).r)[0] * windows.size
         for each in (starts, going)
     )
-    return np.asarray(windows.resting & (rest - roll > FREE_START_GAIN_LIMIT))
+    return np.asarray(windows.resting & (rest - roll > selection.free_start_gain_limit))
 
 
-MIN_VISCOUS_STDS = 4.0
-"""Standard deviations above zero from which on viscous friction is fitted along."""
-
-
-def _grows(fit: search.Fit) -> bool:
-    """Whether friction grows with speed: the next step of a fit that would know of it."""
+def _has_viscous_friction(fit: Fit[TwinProblem], selection: TwinSelection) -> bool:
+    """Whether friction grows with speed, by the first step of a fit with viscous friction."""
     problem = replace(fit.problem, names=(*fit.problem.names, "viscous"))
     theta = np.append(fit.found.theta, [[0.0]], axis=1)
     line = problem.linearise(theta, fit.found.starts)
     free, _ = line.eliminate_starts()
     each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
     inverse = np.linalg.inv(each[1:, 1:] + np.diag(problem.known[1]))
-    return bool(-(inverse @ each[1:, 0])[-1] > MIN_VISCOUS_STDS * np.sqrt(inverse[-1, -1]))
+    return bool(
+        -(inverse @ each[1:, 0])[-1] > selection.min_viscous_stds * np.sqrt(inverse[-1, -1])
+    )
 
 
-def _fit_rolling(whole: Problem) -> Array:
+def _fit_rolling(whole: TwinProblem) -> Array:
     """Candidates for all parameters from the windows that begin in full roll, shape (C, P)."""
     windows, names = whole.windows, whole.names
     if (~windows.resting).sum() < 3:
@@ -280,39 +363,25 @@ def _fit_rolling(whole: Problem) -> Array:
     smooth = tuple(name for name in names if name not in ("breakaway", "stribeck", "dwell"))
     problem = replace(whole, windows=windows.take(~windows.resting), names=smooth)
     theta = problem.first_guesses(rolling=(1e-4, 1e-4, 4e-4, 4e-4), delay=(0.02, 0.07, 0.02, 0.07))
-    best = search.minimise(
-        problem, theta, search.fit_starts_from_scratch(problem, theta, 2), 8
-    ).ahead(1)
+    best = minimise(problem, theta, fit_starts_from_scratch(problem, theta, 2), 8).best(1)
     return whole.first_guesses(**dict(zip(smooth, best.theta.T, strict=True)))
 
 
-def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
+def _scan_breakaway(problem: TwinProblem, guesses: Array, selection: TwinSelection) -> Array:
     """The guesses with the breakaway ratios that suit the windows begun at rest, shape (C, P)."""
     windows, names = problem.windows, problem.names
     if not windows.resting.any():
         return guesses
     at_rest = replace(problem, windows=windows.take(windows.resting))
-    tried = np.repeat(guesses, len(BREAKAWAY_RATIOS), axis=0)
-    tried[:, names.index("breakaway")] = np.tile(BREAKAWAY_RATIOS, len(guesses))
-    fitted = at_rest.linearise(
-        tried, search.fit_starts_from_scratch(at_rest, tried, 1), slopes=False
-    )
-    return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])
+    ratios = selection.breakaway_ratios
+    tried = np.repeat(guesses, len(ratios), axis=0)
+    tried[:, names.index("breakaway")] = np.tile(ratios, len(guesses))
+    fitted = at_rest.linearise(tried, fit_starts_from_scratch(at_rest, tried, 1), slopes=False)
+    return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[: selection.fitted_guesses]])
 
 
 MAX_CORNER_FREQUENCY_HZ = 1000.0
 """Largest corner frequency in Hz that a scenario takes; drives beyond are as good as ideal."""
-AUTOCORRELATION_LAGS = 20
-"""This many lags of the residuals' autocorrelation are judged."""
-WHITENESS_TEST_LEVEL = 0.99
-"""Level of the test that the residuals are white (Box and Pierce)."""
-SLIGHT_CORRELATION = 0.05
-"""Correlation of the residuals that is seen in a long log but does not reject a model: what moves
-together is then a twentieth of the noise variance, less than 0.1 mm. A replay leaves up to 0.03 of
-the twin itself; what hides in the intervals' own scatter between windows is of this size."""
-LARGEST_SHARE = 0.3
-"""Share of the noise variance up to which motion that the twin does not explain widens the
-intervals; a model that leaves more is rejected."""
 
 
 @dataclass(frozen=True)
@@ -320,14 +389,16 @@ class Whiteness:
     """Autocorrelation of the averaged residuals within windows.
 
     Attributes:
-        correlation: At lags 1 to ``LAGS`` samples, shape (LAGS,).
+        correlation: At lags of 1 sample and more, shape (L,).
         band: What 95 % of white residuals stay within.
         misfit: Mean square residual in noise variances; 1 for a perfect twin.
+        test: Constants of the test.
     """
 
     correlation: Array
     band: float
     misfit: float
+    test: WhitenessTest = WHITENESS_TEST
 
     @property
     def outside(self) -> int:
@@ -338,16 +409,13 @@ class Whiteness:
     def white(self) -> bool:
         """Whether the model explains the log: if not, no interval holds.
 
-        It does unless the mean square correlation is beyond chance by more than ``SLIGHT``: any
-        replay is told from the motion by a log that is long enough.
+        It does unless the mean square correlation is beyond chance by more than a slight one: a
+        log that is long enough distinguishes any replay from the motion.
         """
-        chance = (
-            stats.chi2.ppf(WHITENESS_TEST_LEVEL, AUTOCORRELATION_LAGS)
-            / AUTOCORRELATION_LAGS
-            * (self.band / 1.96) ** 2
-        )
-        beyond = float((self.correlation**2).mean()) > chance + SLIGHT_CORRELATION**2
-        return not beyond and self.misfit < 1 + LARGEST_SHARE
+        test = self.test
+        chance = stats.chi2.ppf(test.level, test.lags) / test.lags * (self.band / 1.96) ** 2
+        beyond = float((self.correlation**2).mean()) > chance + test.slight_correlation**2
+        return not beyond and self.misfit < 1 + test.max_unexplained_share
 
     @property
     def unexplained(self) -> float:
@@ -362,7 +430,7 @@ class Whiteness:
     @property
     def rejected(self) -> bool:
         """Whether so much is unexplained that no interval is told."""
-        return self.unexplained > LARGEST_SHARE
+        return self.unexplained > self.test.max_unexplained_share
 
     @property
     def words(self) -> str:
@@ -370,7 +438,7 @@ class Whiteness:
         if self.white:
             return "the residuals look like the sensor's noise"
         what = (
-            f"the residuals are not white: {self.outside} of {AUTOCORRELATION_LAGS} lags outside "
+            f"the residuals are not white: {self.outside} of {self.test.lags} lags outside "
             f"the band, {self.misfit:.2f} times the sensor's noise; the log holds motion that the "
             f"twin does not explain, {np.sqrt(self.unexplained):.2f} times the noise's standard "
             "deviation"
@@ -384,9 +452,9 @@ class Whiteness:
         return {"misfit": self.misfit, "lags_outside": self.outside, "words": self.words}
 
 
-def verdicts(
-    names: tuple[str, ...], fit: search.Fit, drives: Drives | None, left: Whiteness
-) -> tuple[judged.ParameterVerdict, ...]:
+def assess_parameters(
+    names: tuple[str, ...], fit: Fit[TwinProblem], drives: Drives | None, left: Whiteness
+) -> tuple[ParameterVerdict, ...]:
     """One verdict per parameter asked for, in that order; the level has two.
 
     Args:
@@ -396,31 +464,28 @@ def verdicts(
         left: What the fit leaves over.
     """
     found, ball = [], fit.estimate()
-    moved = fit.moved_by(left.unexplained)
+    moved = fit.bound_bias(left.unexplained)
     for name in names:
         if name in HIDDEN_PARAMETERS:
             why = "neither ball nor plate positions show it"
-            found.append(judged.ParameterVerdict.unknown(HIDDEN_PARAMETERS[name], name, why))
+            found.append(ParameterVerdict.unknown(HIDDEN_PARAMETERS[name], name, why))
         elif name == "servo":
-            found.append(_servo(drives))
+            found.append(_assess_servo(drives))
         else:
             axes = ("level_phi", "level_theta") if name == "level" else (name,)
-            found += [_ball(each, fit, ball, moved, rejected=left.rejected) for each in axes]
+            found += [_assess_ball(each, fit, ball, moved, rejected=left.rejected) for each in axes]
     return tuple(found)
 
 
-def whiteness(fit: search.Fit) -> Whiteness:
-    """How white the residuals of a fit are.
-
-    What the starts fitted along take out of white noise is known, and is not held against it.
-    """
+def whiteness(fit: Fit[TwinProblem], test: WhitenessTest = WHITENESS_TEST) -> Whiteness:
+    """How white the residuals of a fit are, corrected for the starts that are fitted as well."""
     windows, every = fit.problem.windows, fit.found.linearisation
-    products, counts = np.zeros(AUTOCORRELATION_LAGS + 1), np.zeros(AUTOCORRELATION_LAGS + 1)
+    products, counts = np.zeros((2, test.lags + 1))
     for r, Z, weight in zip(every.r[0], every.by_start[0], windows.weight, strict=True):  # noqa: N806
         there = np.repeat((weight > 0).all(axis=-1), 2)
         r, Z = r[there], Z[there]  # noqa: N806, PLW2901
-        taken = Z @ np.linalg.solve(Z.T @ Z + search.START_PRIOR, Z.T)
-        for lag in range(min(AUTOCORRELATION_LAGS + 1, len(r) // 2)):
+        taken = Z @ np.linalg.solve(Z.T @ Z + START_PRIOR, Z.T)
+        for lag in range(min(test.lags + 1, len(r) // 2)):
             alike = r[2 * lag :] @ r[: len(r) - 2 * lag]
             products[lag] += alike + (np.trace(taken, 2 * lag) if lag else 0.0)
             counts[lag] += len(r) - 2 * lag
@@ -430,12 +495,13 @@ def whiteness(fit: search.Fit) -> Whiteness:
         correlation,
         1.96 / float(np.sqrt(max(counts[0], 1))),
         float(fit.problem.misfit(every.r).mean()),
+        test,
     )
 
 
-def _ball(
-    name: str, fit: search.Fit, ball: search.Estimate, moved: Array, *, rejected: bool
-) -> judged.ParameterVerdict:
+def _assess_ball(
+    name: str, fit: Fit[TwinProblem], ball: Estimate, moved: Array, *, rejected: bool
+) -> ParameterVerdict:
     """The verdict of a parameter of the ball.
 
     Args:
@@ -451,67 +517,69 @@ def _ball(
     never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
     if never or not math.isfinite(half):
         why = "the ball never rests" if never else "the log does not show it"
-        return judged.ParameterVerdict.unknown(about, name, why)
-    found = judged.ParameterVerdict(about=about, name=name, value=about.factor * value)
+        return ParameterVerdict.unknown(about, name, why)
+    found = ParameterVerdict(about=about, name=name, value=about.factor * value)
     if rejected:
         why = "best fit only: the log holds motion that the twin does not explain"
-        return replace(found, word=judged.REJECTED_VERDICT, why=why)
+        return replace(found, word=REJECTED_VERDICT, why=why)
     low, high = max(value - half, about.least), min(value + half, about.most)
     if name == "delay" and value > about.most - half:
         why = f"at its bound of {about.most:g} s: give the log with --columns, which takes 1 s"
         low = about.factor * (value - half)
-        return replace(found, low=low, word=judged.BOUNDED_VERDICT, why=why)
+        return replace(found, low=low, word=BOUNDED_VERDICT, why=why)
     found = replace(found, low=about.factor * low, high=about.factor * high)
     if half <= max(about.tolerance, about.relative * abs(value)):
-        return replace(found, word=judged.IDENTIFIED_VERDICT)
-    alike = np.abs(ball.correlation[k]) > judged.MAX_CORRELATION
+        return replace(found, word=IDENTIFIED_VERDICT)
+    alike = np.abs(ball.correlation[k]) > MAX_CORRELATION
     others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
     others.remove(name)
     why = f"cannot be told from {', '.join(others)}" if others else "its interval is too wide"
     at_edge = value <= about.least + half or value >= about.most - half
     word = (
-        judged.BOUNDED_VERDICT
-        if at_edge and high - low < about.most - about.least
-        else judged.NOT_IDENTIFIABLE
+        BOUNDED_VERDICT if at_edge and high - low < about.most - about.least else NOT_IDENTIFIABLE
     )
     return replace(found, word=word, why=f"{why}; {about.experiment}")
 
 
-def _servo(drives: Drives | None) -> judged.ParameterVerdict:
-    found = judged.ParameterVerdict(about=SERVO_PARAMETER, name="servo")
+def _assess_servo(drives: Drives | None) -> ParameterVerdict:
+    found = ParameterVerdict(about=SERVO_PARAMETER, name="servo")
     if drives is None:
         return replace(found, why=f"no commanded rates in the log; {SERVO_PARAMETER.experiment}")
     lag, half = drives.lag, math.hypot(drives.half_width, SERVO_PARAMETER.floor)
     if not math.isfinite(half):
         return replace(found, why=f"the plate hardly moves; {SERVO_PARAMETER.experiment}")
-    low = judged.corner_frequency(lag + half)
-    if lag <= half or judged.corner_frequency(lag) > MAX_CORNER_FREQUENCY_HZ:
+    low = corner_frequency(lag + half)
+    if lag <= half or corner_frequency(lag) > MAX_CORNER_FREQUENCY_HZ:
         why = f"faster than the log shows: above {low:.3g} Hz; {SERVO_PARAMETER.experiment}"
-        return replace(found, low=low, word=judged.BOUNDED_VERDICT, why=why)
-    value, high = judged.corner_frequency(lag), judged.corner_frequency(lag - half)
+        return replace(found, low=low, word=BOUNDED_VERDICT, why=why)
+    value, high = corner_frequency(lag), corner_frequency(lag - half)
     good = half <= max(SERVO_PARAMETER.tolerance, SERVO_PARAMETER.relative * lag)
     why = "" if good else f"its interval is too wide; {SERVO_PARAMETER.experiment}"
-    word = judged.IDENTIFIED_VERDICT if good else judged.NOT_IDENTIFIABLE
+    word = IDENTIFIED_VERDICT if good else NOT_IDENTIFIABLE
     return replace(found, value=value, low=low, high=high, word=word, why=why)
 
 
-def replay_log(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judged.Predicted]:
+def replay_log(
+    log: PreparedLog, fit: Fit[TwinProblem], lag: float, how: HoldOutPrediction = HOLD_OUT
+) -> dict[str, Predicted]:
     """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
 
     Args:
         log: The part held out.
         fit: The parameters.
         lag: Time constant of the drives in s.
+        how: Constants of the predictions.
     """
-    windows = cut(
-        log,
-        lag,
-        judged.LEAD_S + judged.HORIZONS_S[-1] + judged.HORIZON_TOLERANCE_S,
-        _overlapping_spans,
-    )
+
+    def overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
+        begins = np.arange(begin, end - longest, how.interval_s)
+        return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
+
+    longest = how.lead_s + how.horizons_s[-1] + how.horizon_tolerance_s
+    windows = cut(log, lag, longest, overlapping_spans)
     if windows is None:
         return {}
-    lead = LOOKBACK_S + judged.LEAD_S
+    lead = LOOKBACK_S + how.lead_s
     there = windows.weight[..., 0] > 0
     before = (there & (windows.time < lead)).sum(axis=1)
     windows = windows.take((before >= 3) & (there.sum(axis=1) > before))
@@ -522,24 +590,12 @@ def replay_log(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judge
     for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
         if name in problem.names:
             frictionless[:, problem.names.index(name)] = value
-    return judged.predict_windows(
-        problem, lead, {"model": theta, "without friction": frictionless}, "xy"
-    )
-
-
-def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
-    begins = np.arange(begin, end - longest, judged.PREDICTION_INTERVAL_S)
-    return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
-
-
-EVEN_SCREEN_SHARE = 0.8
-"""Share of the windows that an even screen must explain."""
-MAX_WINDOW_S = 2.5
-"""Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
+    predictors = {"model": theta, "without friction": frictionless}
+    return predict_windows(problem, lead, predictors, "xy", how)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwinIdentification(judged.Identification):
+class TwinIdentification(Identification):
     """What a log shows of a rig like the twin's.
 
     Attributes:
@@ -549,7 +605,7 @@ class TwinIdentification(judged.Identification):
     """
 
     log: PreparedLog
-    fit: search.Fit
+    fit: Fit[TwinProblem]
     whiteness: Whiteness
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
@@ -584,19 +640,23 @@ class TwinIdentification(judged.Identification):
         }
 
 
-def identify(
+def identify_twin(
     log: Log,
     names: tuple[str, ...],
     share: float = FITTED_SHARE,
     progress: Callable[[float], None] = lambda _: None,
+    selection: TwinSelection = TWIN_SELECTION,
+    how: HoldOutPrediction = HOLD_OUT,
 ) -> TwinIdentification:
     """Fit the parameters of these names to the first share of a log and try them on the rest.
 
     Args:
         log: The log.
-        names: What is asked for, from ``parameters.CHOICES``.
+        names: The requested parameters, of ``PARAMETER_CHOICES``.
         share: Share of the usable time that is fitted; 1 holds nothing out.
         progress: Called with the share of the work done.
+        selection: Constants of the fit.
+        how: Constants of the predictions of the held-out part.
 
     Raises:
         LogError: If the log is broken, or nothing can be learned from it.
@@ -608,16 +668,23 @@ def identify(
     drives = fit_drives(known)
     lag = 0.0 if drives is None else drives.lag
     progress(0.1)
-    windows = cut(known, lag, MAX_WINDOW_S, moving_spans)
+    windows = cut(known, lag, selection.max_window_s, moving_spans)
     if windows is None or len(windows) < 3:
         raise LogError(
             f"{usable.source}: too short: {known.length:.0f} s give "
             f"{0 if windows is None else len(windows)} windows to fit, at least 3 are needed"
         )
 
-    def best(asked: tuple[str, ...], *, uneven: bool = False) -> search.Fit:
+    def best(asked: tuple[str, ...], *, uneven: bool = False) -> Fit[TwinProblem]:
         fits = [
-            fit_twin(usable.model, windows, fitted_parameters(asked), grip, uneven=uneven)
+            fit_twin(
+                usable.model,
+                windows,
+                fitted_parameters(asked),
+                grip,
+                uneven=uneven,
+                selection=selection,
+            )
             for grip in usable.grips
         ]
         return min(fits, key=lambda each: each.found.cost[0])
@@ -625,10 +692,10 @@ def identify(
     fit = best(names)
     notes, white = list(usable.notes), whiteness(fit)
     progress(0.4)
-    if not white.white or len(fit.problem.windows) < EVEN_SCREEN_SHARE * len(windows):
+    if not white.white or len(fit.problem.windows) < selection.even_screen_share * len(windows):
         more: tuple[str, ...] = AT_REST
         rough = best((*names, *more), uneven=True)
-        if "viscous" not in names and _grows(rough):
+        if "viscous" not in names and _has_viscous_friction(rough, selection):
             more = (*more, "viscous")
             rough = best((*names, *more), uneven=True)
         left = whiteness(rough)
@@ -653,12 +720,12 @@ def identify(
         notes.append("column age missing or zero: a wait for a frame is counted in the dead time")
     if usable.segments[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
-    tried = replay_log(unknown, fit, lag) if unknown is not None and unknown.segments else {}
+    tried = replay_log(unknown, fit, lag, how) if unknown is not None and unknown.segments else {}
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
-    words, known_of = white.words, verdicts(names, fit, drives, white)
-    if all(each.word != judged.IDENTIFIED_VERDICT for each in known_of):
+    words, known_of = white.words, assess_parameters(names, fit, drives, white)
+    if all(each.word != IDENTIFIED_VERDICT for each in known_of):
         notes.append(
             "nothing was identified: two minutes of the scenario excite would show more; the twin "
             "beside a log does without a file: ballplate shadow LOG --learn"
@@ -672,9 +739,10 @@ def identify(
         seconds=known.length,
         fit=fit,
         verdicts=known_of,
-        scores=(judged.score(tried),) if tried else (),
+        scores=(score(tried),) if tried else (),
         predictions=tried,
         whiteness=white,
         notes=tuple(notes),
         on=rig_of(log.scenario),
+        how=how,
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from twin.identify.least_squares import SampleWindows
 from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.plate_motion import plate_motion
 from twin.identify.prepare import (
@@ -25,7 +26,6 @@ from twin.identify.prepare import (
     rests,
     speed,
 )
-from twin.identify.search import SampleWindows
 from twin.sim.plant.friction import Friction
 
 REPLAY_STEP_S = 0.004

@@ -16,7 +16,7 @@ from twin.base.errors import LogError
 from twin.base.settings import from_scenarios
 from twin.identify.logs import AnyLog, Log, of_columns
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import Problem
+from twin.identify.twin_model import TwinProblem
 from twin.identify.windows import Windows
 from twin.run.assemble import assemble
 from twin.run.loop import drive
@@ -213,12 +213,12 @@ class Belief:
         """Their values, shape (1, len(names))."""
         return np.array([[self.values[name] for name in self.names]])
 
-    def problem(self, windows: Windows) -> Problem:
+    def problem(self, windows: Windows) -> TwinProblem:
         """Replays of windows with this twin; its plate may be cambered."""
         field, camber = windows.field, np.array(self.scenario.plant.camber)[:, None, None]
         own = field.own + camber * field.normal[:, None] / self.model.gravity
         bowed = replace(windows, field=field._replace(own=own))
-        return Problem(self.model, bowed, self.names, self.grip)
+        return TwinProblem(bowed, self.names, self.model, self.grip)
 
 
 def belief_of(log: Log, overrides: Sequence[str] = ()) -> Belief:

@@ -24,10 +24,10 @@ from scipy.signal import lfilter, ss2tf
 
 from controllers.arrays import Array, Mask
 from twin.base.settings import from_scenarios
+from twin.identify.least_squares import Linearisation, fit_starts
 from twin.identify.logs import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.search import Linearisation, fit_starts
 from twin.identify.windows import (
     LOOKBACK_S,
     SAMPLE_BIN_S,

@@ -16,10 +16,10 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.observers.friction import gaussian_field
+from twin.identify.least_squares import START_DIFFERENCES, START_PRIOR, fit_starts
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.prepare import ROLL_SPEED_M_S, PreparedLog, Segment, speed
-from twin.identify.search import START_DIFFERENCES, START_PRIOR, fit_starts
-from twin.identify.twin_model import Problem
+from twin.identify.twin_model import TwinProblem
 from twin.identify.windows import (
     FORCE_STRETCH_S,
     LOOKBACK_S,
@@ -255,7 +255,9 @@ def to_acceleration_columns(columns: Array, forces: Array) -> Array:
     return np.asarray(both[..., 0, :].reshape(*both.shape[:-3], -1))
 
 
-def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array, Array, Array]:
+def _end_state(
+    problem: TwinProblem, theta: Array, starts: Array
+) -> tuple[Array, Array, Array, Array]:
     """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and the way to it.
 
     Slopes by the parameters of ``BALL`` and the start, by finite differences; places in m and
@@ -269,7 +271,7 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
         thetas[1 + k, k] += step
     for k, step in enumerate(START_DIFFERENCES):
         begun[k, 1 + len(steps) + k] += step
-    places, speeds = problem.replayed(thetas, begun)
+    places, speeds = problem.replay(thetas, begun)
     at = round(LEAD_S / REPLAY_STEP_S)
     states = np.concatenate((places[at], speeds[at]))
     size = np.where(size > 0, size, 1.0)
@@ -299,7 +301,7 @@ def _replay(
     points, weights = _sigma_points(before, belief)
     whole = belief.problem(windows)
     uneven = belief.scenario.plant.surface.spread_percent > 0
-    places, speeds = whole.replayed(*points, before.friction if uneven else None)
+    places, speeds = whole.replay(*points, before.friction if uneven else None)
     ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
     at = windows.time - (LOOKBACK_S + HORIZON_S)
     # a screen of slow frames has not one in every bin; the twin is asked for the sample's time

@@ -10,18 +10,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from controllers.arrays import Array, Mask
 from twin.identify.parameters import IdentifiedParameter
 
-BOOTSTRAP_DRAWS = 4000
-"""Bootstrap draws."""
-INTERVAL_COVERAGE = 0.95
-"""Coverage of the intervals."""
+
+@dataclass(frozen=True, kw_only=True)
+class Bootstrap:
+    """Constants of the bootstrap by which intervals are found.
+
+    Attributes:
+        draws: Number of draws.
+        coverage: Probability with which an interval contains the true value.
+    """
+
+    draws: int = 4000
+    coverage: float = 0.95
+
+
+BOOTSTRAP = Bootstrap()
 
 
 # Webb's six weights: mean 0, variance 1, and smooth with few windows.
@@ -38,6 +50,7 @@ class Estimate:
         identifiable: Whether the data say anything about each, shape (P,).
         degrees_of_freedom: Of the scatter of each, shape (P,).
         noise: Standard deviation of each by the noise of the samples alone, shape (P,).
+        coverage: Probability with which ``half_width`` contains the true value.
     """
 
     value: Array
@@ -45,17 +58,18 @@ class Estimate:
     identifiable: Mask
     degrees_of_freedom: Array
     noise: Array | float = 0.0
+    coverage: float = BOOTSTRAP.coverage
 
     @property
     def half_width(self) -> Array:
-        """Half-width of the 95 % interval, shape (P,); infinite where the data say nothing.
+        """Half-width of the interval, shape (P,); infinite where the data say nothing.
 
         Few windows know little of their own scatter: Student's t over the normal distribution. If
         they happen to agree better than the noise of their samples allows, the noise decides.
         """
-        end = (1 + INTERVAL_COVERAGE) / 2
+        end = (1 + self.coverage) / 2
         few = stats.t.ppf(end, np.maximum(self.degrees_of_freedom, 1)) / stats.norm.ppf(end)
-        half = few * np.quantile(np.abs(self.draws - self.value), INTERVAL_COVERAGE, axis=0)
+        half = few * np.quantile(np.abs(self.draws - self.value), self.coverage, axis=0)
         half = np.maximum(half, stats.norm.ppf(end) * self.noise)
         return np.where(self.identifiable, half, np.inf)
 
@@ -68,7 +82,11 @@ class Estimate:
 
 
 def estimate(
-    value: Array, information: Array, score: Array, noise: Array | None = None
+    value: Array,
+    information: Array,
+    score: Array,
+    noise: Array | None = None,
+    bootstrap: Bootstrap = BOOTSTRAP,
 ) -> Estimate:
     """Bootstrap a least-squares fit over W windows that are independent of each other.
 
@@ -83,6 +101,7 @@ def estimate(
         information: J'J of each window, shape (W, P, P).
         score: J'r of each window, r being fit minus data, shape (W, P).
         noise: Covariance of the sum of the scores by noise alone, shape (P, P), if it is known.
+        bootstrap: Its constants.
     """
     total = information.sum(axis=0)
     diagonal = np.diagonal(total)
@@ -100,13 +119,14 @@ def estimate(
         ]
     )
     weights = np.random.default_rng(0).choice(
-        _BOOTSTRAP_WEIGHTS.ravel(), (BOOTSTRAP_DRAWS, len(score))
+        _BOOTSTRAP_WEIGHTS.ravel(), (bootstrap.draws, len(score))
     )
     told = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
     alike = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
     known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))
     freedom = np.minimum(alike, len(score) - len(value))
-    return Estimate(value, value + weights @ shares, identifiable, freedom, known)
+    draws = value + weights @ shares
+    return Estimate(value, draws, identifiable, freedom, known, bootstrap.coverage)
 
 
 def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> Array:
@@ -119,12 +139,6 @@ def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> A
 
 START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 """Steps of finite differences of the ball's start: m and m/s."""
-TOLERATED_MISFIT = 3.0
-"""Mean square misfit, in noise variances, above which a window loses weight (Geman and McClure):
-a window that no replay explains costs no more than a few that are explained badly, however far off
-it is. Where a loss goes on growing, such windows pull the fit to where it explains none well."""
-
-
 # A weak prior of the ball's start (m, m/s), for windows whose samples do not determine it.
 START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
 
@@ -156,6 +170,16 @@ class Linearisation(NamedTuple):
         """That of some of the windows."""
         r, by_start, by_parameter = (part[:, which] for part in self[:3])
         return Linearisation(r, by_start, by_parameter, self.prior)
+
+    def select(self, candidates: NDArray[np.intp]) -> Linearisation:
+        """That of some of the candidates."""
+        r, by_start, by_parameter = (part[candidates] for part in self[:3])
+        return Linearisation(r, by_start, by_parameter, self.prior)
+
+    def replace_at(self, candidates: NDArray[np.intp], new: Linearisation, better: Mask) -> None:
+        """Overwrite those of some candidates by those of the better ones of others."""
+        for part, other in zip(self[:3], new[:3], strict=True):
+            part[candidates] = other[better]
 
     def start_step(self, damping: Array) -> Array:
         """The damped Gauss-Newton step of the starts alone, shape (4, C, W).
@@ -244,24 +268,33 @@ class SampleWindows:
         return replace(self, **{k: v[which] for k, v in given.items() if v is not None})
 
 
-class Fitting:
-    """What any fit of windows minimises.
+Windows_co = TypeVar("Windows_co", bound=SampleWindows, covariant=True)
+
+
+@dataclass(frozen=True)
+class FitProblem(Generic[Windows_co]):
+    """What a fit of windows minimises.
 
     Attributes:
         windows: The samples.
         names: Names of the parameters that are fitted, P of them.
-        about: What is known of each parameter.
+        about: Bounds, guess and difference step of each parameter.
         start_steps: Steps of finite differences of a start.
         prior: Weak knowledge of a start, its inverse covariance.
-        grows: Whether the cost of a window goes on growing, by the logarithm of its misfit.
+        grows: Whether the cost of a window grows without bound, by the logarithm of its misfit.
+        tolerated_misfit: Mean square misfit, in noise variances, above which a window loses weight
+            (Geman and McClure): a window that no replay explains costs no more than a few that are
+            explained badly, however large its error. With a loss that grows, such windows pull the
+            fit to where it explains none well.
     """
 
-    windows: Any
+    windows: Windows_co
     names: tuple[str, ...]
     about: ClassVar[Mapping[str, IdentifiedParameter]]
     start_steps: ClassVar[Array]
     prior: ClassVar[Array]
     grows: ClassVar[bool] = False
+    tolerated_misfit: ClassVar[float] = 3.0
 
     def first_guesses(self, **tried: Sequence[float]) -> Array:
         """Parameters to begin with, shape (C, P): C values of some, of the others the usual one."""
@@ -285,7 +318,7 @@ class Fitting:
         """First guesses of the starts, S numbers of each window, shape (S, 1, W)."""
         raise NotImplementedError
 
-    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+    def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """What the samples would be, in m, and how fast they change, (C, W, ...) like the samples.
 
         The rate is used only where dead time has no finite difference.
@@ -319,7 +352,7 @@ class Fitting:
             down[..., k] = np.maximum(down[..., k] - step, least[k])
             widths[k] = (up - down)[..., k].reshape(count, -1, 1)
             batch += [(up, starts), (down, starts)]
-        places, rates = self.reported(
+        places, rates = self.simulate_samples(
             np.concatenate([each[0] for each in batch]),
             np.concatenate([each[1] for each in batch], axis=1),
         )
@@ -343,9 +376,9 @@ class Fitting:
 
     def costs(self, r: Array) -> Array:
         """What each window costs: robust against such that cannot be explained, shape (C, W)."""
-        misfit = self.misfit(r) / TOLERATED_MISFIT
+        misfit = self.misfit(r) / self.tolerated_misfit
         each = np.log1p(misfit) if self.grows else misfit / (1 + misfit)
-        return np.asarray(self.windows.size * TOLERATED_MISFIT * each)
+        return np.asarray(self.windows.size * self.tolerated_misfit * each)
 
     def cost(self, r: Array) -> Array:
         """What a fit minimises, shape (C,)."""
@@ -353,14 +386,38 @@ class Fitting:
 
     def weights(self, r: Array) -> Array:
         """How much each window counts, 1 for a perfect one, shape (C, W)."""
-        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED_MISFIT) ** (1 if self.grows else 2))
+        return np.asarray(
+            1 / (1 + self.misfit(r) / self.tolerated_misfit) ** (1 if self.grows else 2)
+        )
 
 
-COST_TOLERANCE = 1e-5
-"""Relative decrease of the cost below which a step counts as none."""
-START_TOLERANCE = 1e-4
-"""Change of a window's misfit, in noise variances, below which its starts suit it."""
-ENDING_WORDS, STEP_LIMIT = "converged", "step limit reached"
+@dataclass(frozen=True, kw_only=True)
+class StepControl:
+    """Constants of the minimisation by Levenberg and Marquardt.
+
+    Attributes:
+        cost_tolerance: Relative decrease of the cost below which a step counts as none.
+        start_tolerance: Change of a window's misfit, in noise variances, below which its start
+            is found.
+        initial_damping: Damping of the first step, as a share of the diagonal.
+        min_damping: Smallest damping.
+        damping_decrease: Factor by which damping is divided after a step that reduces the cost.
+        damping_increase: Factor by which it is multiplied after any other.
+        drops_idle: Whether a candidate that has converged is left as it is while others move.
+    """
+
+    cost_tolerance: float = 1e-5
+    start_tolerance: float = 1e-4
+    initial_damping: float = 1e-2
+    min_damping: float = 1e-6
+    damping_decrease: float = 5.0
+    damping_increase: float = 8.0
+    drops_idle: bool = False
+
+
+STEP_CONTROL = StepControl()
+CONVERGED, STEP_LIMIT_REACHED = "converged", "step limit reached"
+"""How a minimisation may end."""
 
 
 @dataclass(frozen=True)
@@ -368,7 +425,7 @@ class Termination:
     """How a minimisation ended for its best candidate.
 
     Attributes:
-        reason: ``converged``: in the last two steps its cost fell by no more than ``TOLERANCE``;
+        reason: ``converged``: in the last two steps its cost fell by no more than the tolerance;
             or ``step limit reached``.
         steps: Steps taken, rejected ones included.
         step_limit: Most steps it might have taken.
@@ -380,7 +437,7 @@ class Termination:
 
     def __str__(self) -> str:
         """In words."""
-        if self.reason == ENDING_WORDS:
+        if self.reason == CONVERGED:
             return f"the fit converged after {self.steps} steps"
         return f"the fit stopped at its limit of {self.step_limit} steps"
 
@@ -402,19 +459,24 @@ class Minimum(NamedTuple):
     linearisation: Linearisation
     termination: Termination
 
-    def ahead(self, count: int) -> Minimum:
+    def best(self, count: int) -> Minimum:
         """The best of its candidates."""
         best = np.argsort(self.cost)[:count]
-        r, by_start, by_parameter = (part[best] for part in self.linearisation[:3])
         return self._replace(
             theta=self.theta[best],
             starts=self.starts[:, best],
             cost=self.cost[best],
-            linearisation=Linearisation(r, by_start, by_parameter, self.linearisation.prior),
+            linearisation=self.linearisation.select(best),
         )
 
 
-def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -> Array:
+def fit_starts(
+    problem: FitProblem[SampleWindows],
+    theta: Array,
+    starts: Array,
+    step_limit: int,
+    control: StepControl = STEP_CONTROL,
+) -> Array:
     """The best starts for fixed parameters, by damped Gauss-Newton steps, shape (4, C, W).
 
     Windows share nothing, so one whose starts suit it is not replayed again.
@@ -423,7 +485,8 @@ def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -
         problem: What is fitted.
         theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
         starts: First guess, shape (4, C, W).
-        step_limit: Most steps.
+        step_limit: Largest number of steps.
+        control: States when a start is found.
     """
     theta = np.broadcast_to(
         theta if theta.ndim > 2 else theta[:, None], (*starts.shape[1:], theta.shape[-1])
@@ -440,31 +503,33 @@ def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -
         better = reached < misfit
         starts = np.where(better, moved, starts)
         found[..., left] = starts
-        going = np.asarray((np.abs(misfit - reached) >= START_TOLERANCE).any(axis=0))
+        going = np.asarray((np.abs(misfit - reached) >= control.start_tolerance).any(axis=0))
         if not going.any():
             break
         current = trial.where(better, current).take(going)
         misfit = np.where(better, reached, misfit)[:, going]
         damping = np.where(better, damping / 3, damping * 30)[:, going]
         starts, theta, left = starts[..., going], theta[:, going], left[going]
-        rest: Any = problem
-        problem = replace(rest, windows=rest.windows.take(going))
+        problem = replace(problem, windows=problem.windows.take(going))
     return found
 
 
-def fit_starts_from_scratch(problem: Fitting, theta: Array, step_limit: int) -> Array:
+def fit_starts_from_scratch(
+    problem: FitProblem[SampleWindows], theta: Array, step_limit: int
+) -> Array:
     """The best starts for fixed parameters from no first guess, as ``fit_starts`` finds them."""
     first = problem.initial_starts()
     return fit_starts(problem, theta, np.repeat(first, len(theta), axis=1), step_limit)
 
 
 def minimise(
-    problem: Fitting,
+    problem: FitProblem[SampleWindows],
     theta: Array,
     starts: Array,
     step_limit: int,
     patience: int = 2,
     polish: int = 0,
+    control: StepControl = STEP_CONTROL,
 ) -> Minimum:
     """Fit the parameters together with the starts, from each of C first guesses.
 
@@ -472,54 +537,63 @@ def minimise(
         problem: What is fitted.
         theta: First guesses, shape (C, P).
         starts: Starts that suit them, shape (4, C, W).
-        step_limit: Most steps.
-        patience: So many steps one after another that gain nothing end it.
-        polish: Steps by which starts are fitted to the parameters of a step before it is judged.
+        step_limit: Largest number of steps.
+        patience: Number of consecutive steps without a gain that ends it.
+        polish: Steps by which starts are fitted to the parameters of a step before its cost is
+            compared.
+        control: Constants of the steps.
     """
     least, most = problem.bounds
     mean, precision = problem.known
+    theta, starts = theta.copy(), starts.copy()
     current = problem.linearise(theta, starts)
     cost = problem.cost(current.r) + (theta - mean) ** 2 @ precision
-    damping = np.full(len(theta), 1e-2)
+    damping = np.full(len(theta), control.initial_damping)
     eye = np.eye(len(problem.names))
     idle = np.zeros(len(theta), dtype=int)
-    steps = 0
+    every, steps = np.arange(len(theta)), 0
     while steps < step_limit and (idle < patience).any():
         steps += 1
+        at = np.flatnonzero(idle < patience) if control.drops_idle else every
+        here = current if len(at) == len(theta) else current.select(at)
+        now, damped_by = theta[at], damping[at]
         # starts that a step would throw too far are held back with the parameters
-        free, follow = current.eliminate_starts(np.maximum(damping - 1.0, 0.0))
+        free, follow = here.eliminate_starts(np.maximum(damped_by - 1.0, 0.0))
         r, J = free[..., 0], free[..., 1:]  # noqa: N806
-        weighted = np.swapaxes(J * problem.weights(current.r)[..., None, None], -1, -2)
+        weighted = np.swapaxes(J * problem.weights(here.r)[..., None, None], -1, -2)
         normal = (weighted @ J).sum(axis=1) + np.diag(precision)
-        slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (theta - mean))[..., None]
+        slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (now - mean))[..., None]
         # what stands at a bound and would go beyond stays there, and the others know it
-        held = ((theta <= least) & (slope[..., 0] > 0)) | ((theta >= most) & (slope[..., 0] < 0))
+        held = ((now <= least) & (slope[..., 0] > 0)) | ((now >= most) & (slope[..., 0] < 0))
         slope = np.where(held[..., None], 0.0, slope)
         normal = np.where(held[..., None] | held[..., None, :], 0.0, normal)
         # Marquardt's scaling by the diagonal, so that no unit matters
         scale = np.diagonal(normal, axis1=-2, axis2=-1)[..., None] * eye
-        damped = normal + damping[:, None, None] * scale + 1e-9 * eye
-        moved = np.clip(theta - np.linalg.solve(damped, slope)[..., 0], least, most)
-        step = np.concatenate((np.ones((len(theta), 1)), moved - theta), axis=-1)
-        shifted = starts - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
+        damped = normal + damped_by[:, None, None] * scale + 1e-9 * eye
+        moved = np.clip(now - np.linalg.solve(damped, slope)[..., 0], least, most)
+        step = np.concatenate((np.ones((len(at), 1)), moved - now), axis=-1)
+        shifted = starts[:, at] - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
         if polish:
             shifted = fit_starts(problem, moved, shifted, polish)
         trial = problem.linearise(moved, shifted)
         trial_cost = problem.cost(trial.r) + (moved - mean) ** 2 @ precision
-        better = trial_cost < cost
-        gained = better & (cost - trial_cost >= COST_TOLERANCE * cost)
-        theta = np.where(better[:, None], moved, theta)
-        starts = np.where(better[:, None], shifted, starts)
-        current = trial.where(better, current)
-        cost = np.where(better, trial_cost, cost)
-        damping = np.where(better, np.maximum(damping / 5, 1e-6), damping * 8)
-        idle = np.where(gained, 0, idle + 1)
-    reason = ENDING_WORDS if idle[np.argmin(cost)] >= patience else STEP_LIMIT
+        better = trial_cost < cost[at]
+        gained = better & (cost[at] - trial_cost >= control.cost_tolerance * cost[at])
+        to = at[better]
+        theta[to], starts[:, to], cost[to] = moved[better], shifted[:, better], trial_cost[better]
+        current.replace_at(to, trial, better)
+        decreased = np.maximum(damped_by / control.damping_decrease, control.min_damping)
+        damping[at] = np.where(better, decreased, damped_by * control.damping_increase)
+        idle[at] = np.where(gained, 0, idle[at] + 1)
+    reason = CONVERGED if idle[np.argmin(cost)] >= patience else STEP_LIMIT_REACHED
     return Minimum(theta, starts, cost, current, Termination(reason, steps, step_limit))
 
 
+Problem_co = TypeVar("Problem_co", bound=FitProblem[SampleWindows], covariant=True)
+
+
 @dataclass(frozen=True)
-class Fit:
+class Fit(Generic[Problem_co]):
     """The best fit found.
 
     Attributes:
@@ -527,7 +601,7 @@ class Fit:
         found: The minimum, of one candidate.
     """
 
-    problem: Any
+    problem: Problem_co
     found: Minimum
 
     def value(self, name: str) -> float:
@@ -556,7 +630,7 @@ class Fit:
             noise,
         )
 
-    def moved_by(self, unexplained: float) -> Array:
+    def bound_bias(self, unexplained: float) -> Array:
         """By how much motion that the model does not explain moves the parameters at worst, (P,).
 
         Least squares takes motion m into the parameters as inv(J'J) J'm, no more of one than

@@ -1,4 +1,4 @@
-"""What a fit is worth: verdicts, and its predictions of what was held out beside baselines."""
+"""Verdicts on parameters, and predictions of the held-out part of a log next to baselines."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ import numpy as np
 from controllers.analysis import number
 from controllers.arrays import Array, Mask
 from twin.base.page import digits
+from twin.identify.least_squares import FitProblem, SampleWindows, fit_starts
 from twin.identify.parameters import IdentifiedParameter
-from twin.identify.search import fit_starts
 
 IDENTIFIED_VERDICT, BOUNDED_VERDICT, NOT_IDENTIFIABLE = "identified", "bounded", "not identifiable"
 GIVEN_VERDICT = "given"
-"""What is not fitted but held at what was told."""
+"""The parameter is fixed at the given value and not fitted."""
 REJECTED_VERDICT = "model rejected"
-"""What is fitted to a log that the model does not explain: a value, but nothing known of it."""
-BOUND_PROBABILITY = 0.95
-"""Share of what is drawn that a bound holds."""
+"""The model does not explain the log: the value is the best fit, and its error is unknown."""
 MAX_CORRELATION = 0.95
-"""Correlation above which two parameters cannot be told apart."""
+"""Correlation above which two parameters cannot be distinguished."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,18 +86,28 @@ def corner_frequency(lag: float) -> float:
     return float(1 / (2 * np.pi * lag))
 
 
-HORIZONS_S = (0.5, 1.0, 2.0)
-"""Seconds ahead."""
-LEAD_S = 0.4
-"""Seconds of samples from which a prediction begins."""
-PREDICTION_INTERVAL_S = 0.5
-"""Seconds between the beginnings of two predictions."""
-MIN_MOTION_M = 0.005
-"""Way in m from which on a ball moves."""
-HORIZON_TOLERANCE_S = 0.06
-"""A sample so near to a horizon in s is taken for it."""
-MAX_START_STEPS = 8
-"""Steps by which the starts of predictions are fitted."""
+@dataclass(frozen=True, kw_only=True)
+class HoldOutPrediction:
+    """Constants of the predictions of the held-out part.
+
+    Attributes:
+        horizons_s: Times ahead at which errors are scored.
+        lead_s: Length of the samples from which a prediction starts.
+        interval_s: Time between the beginnings of two predictions.
+        min_motion_m: Distance above which the ball counts as moving.
+        horizon_tolerance_s: Largest time between a horizon and the sample that stands for it.
+        max_start_steps: Steps by which the starts of predictions are fitted.
+    """
+
+    horizons_s: tuple[float, ...] = (0.5, 1.0, 2.0)
+    lead_s: float = 0.4
+    interval_s: float = 0.5
+    min_motion_m: float = 0.005
+    horizon_tolerance_s: float = 0.06
+    max_start_steps: int = 8
+
+
+HOLD_OUT = HoldOutPrediction()
 PREDICTOR_NAMES = ("model", "level followed", "without friction", "stays", "goes on")
 
 
@@ -111,20 +119,21 @@ class Predicted:
         begin: When each prediction begins, s, shape (W,).
         ahead: Seconds of the samples since then, negative before it, shape (W, B).
         ball: Measured, m, shape (W, B); NaN where nothing was.
-        by: Who predicts, to what, m, shape (W, B).
+        by: Predictor to its positions, m, shape (W, B).
+        how: Constants of the predictions.
     """
 
     begin: Array
     ahead: Array
     ball: Array
     by: Mapping[str, Array]
+    how: HoldOutPrediction = HOLD_OUT
 
     @property
     def way(self) -> Array:
         """How far the ball moves after the beginning, m, shape (W,)."""
-        after = np.where(
-            (self.ahead > -HORIZON_TOLERANCE_S) & np.isfinite(self.ball), self.ball, np.nan
-        )
+        there = (self.ahead > -self.how.horizon_tolerance_s) & np.isfinite(self.ball)
+        after = np.where(there, self.ball, np.nan)
         return np.asarray(np.nanmax(after, axis=1) - np.nanmin(after, axis=1))
 
     def errors(self, name: str, horizon: float) -> Array:
@@ -132,21 +141,30 @@ class Predicted:
         off = np.where(np.isfinite(self.ball), np.abs(self.ahead - horizon), np.inf)
         at = off.argmin(axis=1)[:, None]
         error = np.take_along_axis(self.by[name] - self.ball, at, axis=1)[:, 0]
-        return np.where(
-            np.take_along_axis(off, at, axis=1)[:, 0] <= HORIZON_TOLERANCE_S, error, np.nan
-        )
+        near = np.take_along_axis(off, at, axis=1)[:, 0] <= self.how.horizon_tolerance_s
+        return np.where(near, error, np.nan)
+
+    @property
+    def moves(self) -> Mask:
+        """Windows in which the ball moves, shape (W,)."""
+        return np.asarray(self.way > self.how.min_motion_m)
 
 
 def predict_windows(
-    problem: Any, lead: float, by: Mapping[str, Array], axes: Sequence[str]
+    problem: FitProblem[SampleWindows],
+    lead: float,
+    by: Mapping[str, Array],
+    axes: Sequence[str],
+    how: HoldOutPrediction = HOLD_OUT,
 ) -> dict[str, Predicted]:
-    """Axis to predictions from some time after the beginning of windows on, by what was before it.
+    """Predict windows from the samples of their first part, for each axis.
 
     Args:
-        problem: What was fitted, with windows of what was held out.
-        lead: That time in s.
-        by: Who predicts, to parameters, shape (1, P) or (1, W, P).
+        problem: The fitted problem, with windows of the held-out part.
+        lead: Length of the first part in s.
+        by: Predictor to parameters, shape (1, P) or (1, W, P).
         axes: Of the windows.
+        how: Constants of the predictions.
     """
     windows = problem.windows
     ahead, there = windows.time - lead, windows.weight > 0
@@ -154,14 +172,14 @@ def predict_windows(
     begun = replace(problem, windows=replace(windows, weight=windows.weight * known))
     places = {}
     for who, theta in by.items():
-        starts = fit_starts(begun, theta, begun.initial_starts(), MAX_START_STEPS)
-        places[who] = begun.reported(theta, starts)[0][0]
+        starts = fit_starts(begun, theta, begun.initial_starts(), how.max_start_steps)
+        places[who] = begun.simulate_samples(theta, starts)[0][0]
     ball = np.where(there, windows.ball, np.nan)
     found = {}
     for k, axis in enumerate(axes):
         every = {who: place[..., k] for who, place in places.items()}
         every |= _baselines(ahead, ball[..., k], known[..., k])
-        found[axis] = Predicted(windows.begin + lead, ahead, ball[..., k], every)
+        found[axis] = Predicted(windows.begin + lead, ahead, ball[..., k], every, how)
     return found
 
 
@@ -176,7 +194,7 @@ def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
     }
 
 
-def quantile(errors: Array, share: float) -> float:
+def absolute_quantile(errors: Array, share: float) -> float:
     """What a share of errors stay within; NaN if none is known."""
     sizes = np.abs(errors[np.isfinite(errors)])
     return float(np.quantile(sizes, share)) if len(sizes) else float("nan")
@@ -189,7 +207,7 @@ class PredictionScore:
     Attributes:
         axes: Which, as ``x`` or ``xy``.
         windows: How many moving windows there are.
-        median: Predictor to the median error after each of ``HORIZONS``, m.
+        median: Predictor to the median error after each horizon, m.
         ninety: The same, that 90 % of the windows stay within.
     """
 
@@ -209,14 +227,18 @@ class PredictionScore:
 def score(found: Mapping[str, Predicted]) -> PredictionScore:
     """The errors of axes whose predictions begin at the same times."""
     every = list(found.values())
-    moves = np.hypot.reduce([each.way for each in every]) > MIN_MOTION_M
+    how = every[0].how
+    moves = np.hypot.reduce([each.way for each in every]) > how.min_motion_m
     off = {
-        who: [np.sqrt(sum(e.errors(who, ahead) ** 2 for e in every))[moves] for ahead in HORIZONS_S]
+        who: [
+            np.sqrt(sum(e.errors(who, ahead) ** 2 for e in every))[moves]
+            for ahead in how.horizons_s
+        ]
         for who in PREDICTOR_NAMES
         if who in every[0].by
     }
     median, ninety = (
-        {who: [quantile(each, share) for each in errors] for who, errors in off.items()}
+        {who: [absolute_quantile(each, share) for each in errors] for who, errors in off.items()}
         for share in (0.5, 0.9)
     )
     return PredictionScore("".join(found), int(moves.sum()), median, ninety)
@@ -224,18 +246,19 @@ def score(found: Mapping[str, Predicted]) -> PredictionScore:
 
 @dataclass(frozen=True, kw_only=True)
 class Identification:
-    """What a log shows of its rig, by either model.
+    """Parameters and predictions that a log gives, by either model.
 
     Attributes:
-        source: What the log is called.
-        seconds: That were fitted.
-        verdicts: Of the parameters asked for.
-        scores: On what was held out, of one axis or of both together.
+        source: Name of the log.
+        seconds: Length of the fitted part.
+        verdicts: Of the requested parameters.
+        scores: On the held-out part, of one axis or of both together.
         predictions: Axis to its predictions there.
         notes: What was left out or assumed, in words.
         extent: How much of the log was used, in words.
-        remarks: What is to be said of the fit beside its verdicts and scores, in sentences.
+        remarks: Further results of the fit, in sentences.
         on: The rig that the parameters lie over; empty for that of a scenario.
+        how: Constants of the predictions.
     """
 
     source: str
@@ -247,6 +270,7 @@ class Identification:
     extent: str
     remarks: tuple[str, ...]
     on: str = ""
+    how: HoldOutPrediction = HOLD_OUT
 
     @property
     def over(self) -> dict[str, str]:
@@ -263,7 +287,7 @@ class Identification:
             "log": self.source,
             "fitted_seconds": self.seconds,
             "parameters": [each.as_dict() for each in self.verdicts],
-            "ahead": HORIZONS_S,
+            "ahead": self.how.horizons_s,
             "held_out": [each.as_dict() for each in self.scores],
             "notes": list(self.notes),
         }

@@ -1,0 +1,263 @@
+"""Drive nonlinearities (dead band, play, slew) and lag applied to the commands of a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import lfilter, savgol_filter
+
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from twin.identify.least_squares import SampleWindows
+from twin.identify.logs import AxisLog
+
+DRIVE_EFFECTS = ("dead_band", "play", "slew")
+"""Nonlinearities of a drive."""
+PROFILED_EFFECTS = (*DRIVE_EFFECTS, "lever")
+"""Parameters that are fitted value by value: the cost has no slope in those of a drive, and a lever
+resembles a dead time."""
+FINE_LAG_STEP_S = 0.002
+"""Step of the lag in s."""
+ACCELERATION_STEPS = (20, 4)
+"""Fine steps over which the plate's acceleration is seen: measured, so that counts of an encoder
+make none; and behind a lag, a step of the simulation."""
+
+
+def drive_path(time: Array, sent: Array, dead_band: float, slew: float) -> tuple[Array, Array]:
+    """Where a drive goes, as corners of straight lines: times in s and places.
+
+    It stands until the command is further off than the dead band, then goes all the way. Before
+    the first command it stood at zero, as where a rig is switched on.
+
+    Args:
+        time: When each command begins, s, shape (K,).
+        sent: The commands, shape (K,).
+        dead_band: In their unit.
+        slew: Seconds by unit of the commands.
+    """
+    place = goal = float(sent[0]) if abs(sent[0]) > dead_band else 0.0
+    corners = []
+    rows = zip(time.tolist(), sent.tolist(), np.diff(time, append=time[-1]).tolist(), strict=True)
+    for now, wanted, left in rows:
+        corners.append((now, place))
+        if place != goal or abs(wanted - place) > dead_band:
+            goal = wanted
+        takes = slew * abs(goal - place)
+        if takes > left:
+            place += (goal - place) * left / takes
+        elif place != goal:
+            corners.append((now + takes, goal))
+            place = goal
+    return tuple(np.array(corners).T)
+
+
+def apply_play(track: Array, half: float) -> Array:
+    """Where a plate is behind a gap: it stands until the drive, at a track, has crossed it.
+
+    Args:
+        track: Of the drive, shape (K,).
+        half: Half the width of the gap, in its unit.
+    """
+    place, places = 0.0, []
+    for low, high in zip((track - half).tolist(), (track + half).tolist(), strict=True):
+        if low > place:
+            place = low
+        elif high < place:
+            place = high
+        places.append(place)
+    return np.array(places)
+
+
+MAX_TRACKS = 40
+"""Tracks of a tilt that are kept for further simulations."""
+
+
+def _remaining_share(lag: float) -> float:
+    """Share of a deviation that a lag in s leaves after a fine step."""
+    return float(np.exp(-FINE_LAG_STEP_S / lag)) if lag > 1e-4 else 0.0
+
+
+def _interpolate(track: Array, place: Array) -> Array:
+    """Values of a track at places of any shape, by straight lines; its ends are held."""
+    place = np.minimum(np.maximum(place, 0.0), len(track) - 1.001)
+    low = place.astype(np.intp)
+    place -= low
+    first = track.take(low)
+    low += 1
+    rise = track.take(low)
+    rise -= first
+    rise *= place
+    rise += first
+    return rise
+
+
+class TiltHistory:
+    """Tilt of the plate at any time, behind drives and their lag.
+
+    Attributes:
+        scale: Swing of the tilt, the unit of the fitted gain.
+        tried: Those of ``PROFILED_EFFECTS`` that are possible: no drive lies between a measured
+            angle and the ball, and a lever may be given.
+    """
+
+    def __init__(self, log: AxisLog, usual: float | None = None) -> None:
+        """Of a log; ``usual`` is the swing of the log that was fitted, if a different one."""
+        self.log = log
+        self.scale = usual or float(np.std(log.tilt)) or 1.0
+        steps = int((log.time[-1] - log.time[0]) / FINE_LAG_STEP_S) + 2
+        self.time = float(log.time[0]) + FINE_LAG_STEP_S * np.arange(steps)
+        self.driven: dict[tuple[float, ...], Array] = {}
+        self.lagged: dict[tuple[float, ...], tuple[Array, Array]] = {}
+        self.tried = DRIVE_EFFECTS * log.held + ("lever",) * (log.lever is None)
+
+    def at(self, time: Array, lag: float, *drive: float) -> Array:
+        """Tilt in swings behind a lag in s, at times in s of any shape.
+
+        Args:
+            time: Seconds.
+            lag: Time constant.
+            drive: Dead band of the drive, half the play behind it and its slew, in swings, and the
+                lever in m beyond a given one, by which the plate's acceleration moves the ball;
+                none for an ideal one.
+        """
+        return _interpolate(self._track(lag, drive)[0], self._place(time, lag))
+
+    def integrate(self, time: Array, lag: float, *drive: float) -> Array:
+        """Integral over time in s of what ``at`` returns, zero where the log begins."""
+        track, covered = self._track(lag, drive)
+        place = self._place(time, lag)
+        found = _interpolate(covered, place)
+        for end, tilt in ((0.0, track[0]), (len(track) - 1.0, track[-1])):  # held outside the log
+            outside = np.minimum(place, 0.0) if end == 0.0 else np.maximum(place - end, 0.0)
+            found += FINE_LAG_STEP_S * tilt * outside
+        return found
+
+    def _place(self, time: Array, lag: float) -> Array:
+        """Fine steps from the beginning of the log to times in s.
+
+        A mean stands in the middle of its step; what follows it slowly is right at its end.
+        """
+        stay = _remaining_share(lag)
+        early = (
+            FINE_LAG_STEP_S * (0.5 + stay / (1 - stay)) - lag if lag < 5 * FINE_LAG_STEP_S else 0.0
+        )
+        return (time + (early - self.time[1])) * (1 / FINE_LAG_STEP_S)
+
+    def _track(self, lag: float, drive: tuple[float, ...]) -> tuple[Array, Array]:
+        """Tilt behind a lag at every fine step, and its integral."""
+        dead_band, play, slew, lever = drive or (0.0, 0.0, 0.0, 0.0)
+        lever += self.log.lever or 0.0
+        key, whole = (dead_band, slew), (lag, dead_band, play, slew, lever)
+        if key not in self.driven:
+            self.driven[key] = self._average_steps(key)
+        if whole not in self.lagged:
+            if len(self.lagged) > MAX_TRACKS:
+                self.lagged.clear()
+            stay, mean = _remaining_share(lag), self.driven[key]
+            place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
+            if play:
+                place = apply_play(place, play)
+            if lever:
+                turns = ACCELERATION_STEPS[self.log.held]
+                wide = np.pad(place, turns, "edge")
+                bend = (wide[2 * turns :] - 2 * place + wide[: -2 * turns]) / (
+                    turns * FINE_LAG_STEP_S
+                ) ** 2
+                place -= lever / BallPlate.gravity * bend
+            covered = cumulative_trapezoid(place, dx=FINE_LAG_STEP_S, initial=0)
+            self.lagged[whole] = place, covered
+        return self.lagged[whole]
+
+    def _average_steps(self, drive: tuple[float, ...]) -> Array:
+        """Its mean in each fine step in swings, so that no command's time is rounded to a step."""
+        time, place = self.log.time, self.log.tilt / self.scale
+        if self.log.held:
+            time, place = drive_path(time, place, *drive)
+        step, rise = np.diff(time), np.diff(place)
+        covered = np.concatenate(([0.0], np.cumsum((place[:-1] + rise / 2) * step)))
+        at = np.clip(np.searchsorted(time, self.time, "right") - 1, 0, len(step) - 1)
+        since = np.minimum(self.time - time[at], step[at])
+        bend = rise[at] / np.maximum(step[at], 1e-9) * since / 2
+        return np.diff(covered[at] + since * (place[at] + bend)) / FINE_LAG_STEP_S
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadBandScan:
+    """Constants of the regression over many dead bands.
+
+    Attributes:
+        step_s: Step of the simulation of the drives.
+        min_sample_spacing_s: Smallest time between the samples that are used.
+        dead_bands: Tried dead bands, in swings: a few thousandths decide when a drive moves.
+    """
+
+    step_s: float = 0.008
+    min_sample_spacing_s: float = 0.04
+    dead_bands: tuple[float, ...] = (
+        0.0,
+        *np.arange(0.02, 0.2, 0.0008).tolist(),
+        *np.geomspace(0.2, 1.3, 500).tolist(),
+    )
+
+
+DEAD_BAND_SCAN = DeadBandScan()
+
+
+def residual_by_dead_band(
+    tilt: TiltHistory,
+    windows: SampleWindows,
+    delay: float,
+    lag: float,
+    scan: DeadBandScan = DEAD_BAND_SCAN,
+) -> Array:
+    """Residual of the ball's motion for drives with each of N dead bands, m^2, shape (N,).
+
+    By regression: in each window a straight line, over all of them what gain, dead time, level,
+    camber and friction add to it, the friction against the measured velocity.
+
+    Args:
+        tilt: The commands.
+        windows: Positions of the ball.
+        delay: A guess of the dead time in s.
+        lag: A guess of the lag in s.
+        scan: Constants of the regression.
+    """
+    step_s, bands = scan.step_s, np.array(scan.dead_bands)
+    time, sent = tilt.log.time, tilt.log.tilt / tilt.scale
+    grid = np.arange(time[0], time[-1], step_s)
+    place, row = np.where(abs(sent[0]) > bands, sent[0], 0.0), 0
+    places = np.empty((len(grid), len(bands)))
+    for k, stop in enumerate(np.searchsorted(time, grid, "right")):
+        for wanted in sent[row:stop]:
+            place = np.where(np.abs(wanted - place) > bands, wanted, place)
+        row, places[k] = stop, place
+    stay = np.exp(-step_s / max(lag, step_s))
+    pushed = [lfilter([1.0 - stay], [1.0, -stay], places, axis=0)]
+    for _ in range(2):
+        pushed.append(step_s * np.cumsum(pushed[-1], axis=0))
+    total = np.zeros((len(bands), 7, 7))
+    for begin, t, x, weight in zip(
+        windows.begin, windows.time, windows.ball[..., 0], windows.weight[..., 0], strict=True
+    ):
+        at = np.flatnonzero(weight > 0)
+        at = at[:: max(1, round(scan.min_sample_spacing_s * len(at) / np.ptp(t[at])))]
+        t, x = t[at], x[at]  # noqa: PLW2901
+        step = np.gradient(t)[:, None]
+        speed = np.gradient(savgol_filter(x, min(5, len(x) - 1 | 1), 1), t)
+        forces = np.stack((np.sign(speed), x), axis=-1)
+        moved = np.cumsum(np.cumsum(forces * step, axis=0) * step, axis=0)
+        same = np.column_stack((t**2, moved, x))[..., None].repeat(len(bands), axis=-1)
+        place = np.clip((begin + t - delay - grid[0]) / step_s, 0, len(grid) - 1.001)
+        low = place.astype(int)
+        part = (place - low)[:, None]
+        each = [way[low] + part * (way[low + 1] - way[low]) for way in pushed]
+        Z = np.concatenate((np.stack(each, axis=1), same), axis=1)  # noqa: N806
+        Q = np.linalg.qr(np.stack((np.ones_like(t), t), axis=-1))[0]  # noqa: N806
+        Z = np.moveaxis(Z - np.tensordot(Q @ Q.T, Z, 1), -1, 0)  # noqa: N806
+        total += np.swapaxes(Z, -1, -2) @ Z
+    size = np.sqrt(np.diagonal(total, axis1=-2, axis2=-1)) + 1e-12
+    alike = total / size[:, :, None] / size[:, None] + 1e-9 * np.eye(7)
+    # one over the diagonal of the inverse is what the others leave of the last
+    return np.asarray(size[:, -1] ** 2 / np.linalg.inv(alike)[:, -1, -1])

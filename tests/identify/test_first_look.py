@@ -1,0 +1,162 @@
+"""`twin.identify.first_look`, and the searches of `twin.identify.plain_model` that it precedes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twin.base.errors import LogError
+from twin.identify.any_rig import AXIS_SELECTION, identify_axes
+from twin.identify.command_model import TiltHistory
+from twin.identify.first_look import WEAK_FORM, look_first
+from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
+from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.plain_model import (
+    AXIS_FITTING,
+    AxisFit,
+    AxisProblem,
+    find_significance,
+    profile,
+    profile_contenders,
+)
+from twin.identify.windows import axis_windows, spans
+
+TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
+
+
+@pytest.fixture(scope="module")
+def log(axis_log):
+    time, ball, command = axis_log(3, seconds=25, rate=60.0, pixel=0.0, noise=3e-4, **TRUTH)
+    return AxisLog(time, command, True, time, ball)
+
+
+@pytest.fixture(scope="module")
+def fit(log):
+    """The fit of the true model, begun at the truth."""
+    windows = axis_windows(log, *spans(log, 2.5))
+    windows = replace(windows, weight=windows.weight / 3e-4)
+    problem = AxisProblem(windows, tuple(TRUTH), TiltHistory(log), 2.52, (0.0, 0.5))
+    theta = np.array([[*TRUTH.values()]])
+    theta[0, 0] *= problem.tilt.scale
+    found = minimise(problem, theta, fit_starts_from_scratch(problem, theta, 4), 15)
+    return AxisFit(problem, found, log, 3e-4, 3e-4)
+
+
+def test_a_first_look_finds_gain_delay_and_level_of_a_rig(log):
+    found = look_first(log)
+    assert found.gain == pytest.approx(TRUTH["gain"], rel=0.04)
+    assert found.gain == pytest.approx(TRUTH["gain"], abs=3 * found.gain_std)
+    assert found.delay == pytest.approx(TRUTH["dead_time"] + TRUTH["lag"], abs=0.015)
+    assert found.level == pytest.approx(TRUTH["level"], abs=0.01)
+    assert found.at_ends == 0.0
+    assert found.describe_ends("x") == []
+    told = found.describe("x", "rad")
+    assert told.startswith("first look, x: gain ")
+    assert "end stop" not in told
+
+
+def test_a_first_look_leaves_out_where_the_ball_is_at_an_end_stop():
+    """A tube: without friction, its ends take the ball's speed."""
+    h, stop, rng = 1e-3, 0.03, np.random.default_rng(0)
+    time = h * np.arange(40_000)
+    tilt = 0.04 * np.interp(time, np.arange(0, 41, 0.4), rng.uniform(-1, 1, 103)[:103])
+    x, v, places = 0.0, 0.0, np.empty_like(time)
+    for k, push in enumerate(6.0 * tilt):
+        v += h * push
+        x += h * v
+        if abs(x) > stop:
+            x, v = np.copysign(stop, x), 0.0
+        places[k] = x
+    seen = slice(None, None, 10)
+    ball = places[seen] + 1e-4 * rng.standard_normal(len(time[seen]))
+    log = AxisLog(time[seen], tilt[seen], False, time[seen], ball)
+    found = look_first(log)
+    assert found.at_ends > 0.2
+    assert "an end stop holds the ball" in found.describe_ends("x")[0]
+    assert found.gain == pytest.approx(6.0, rel=0.05)
+    whole = look_first(log, replace(WEAK_FORM, min_end_share=1.0, min_speed_m_s=-1.0))
+    assert whole is None or abs(whole.gain - 6.0) > 3 * abs(found.gain - 6.0)
+
+
+def test_a_ball_that_turns_at_the_same_places_is_at_no_end_stop():
+    time = np.arange(0.0, 30.0, 0.02)
+    slow, fast = 0.04 * np.sin(2.0 * time), 0.03 * np.sin(6.0 * time)
+    ball = -6.0 * (slow / 2.0**2 + fast / 6.0**2)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(len(time))
+    found = look_first(AxisLog(time, slow + fast, False, time, ball + noise))
+    assert found.at_ends == 0.0
+    assert found.gain == pytest.approx(6.0, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["still", "noisy", "short", "another command"])
+def test_a_first_look_says_nothing_of_a_log_that_shows_nothing(log, kind):
+    rng = np.random.default_rng(1)
+    ball, tilt, some = log.ball, log.tilt, slice(None)
+    if kind == "still":
+        ball = 1e-4 * rng.standard_normal(len(ball))
+    if kind == "noisy":
+        ball = ball + 0.01 * rng.standard_normal(len(ball))
+    if kind == "short":
+        some = slice(30)
+    if kind == "another command":
+        tilt = 0.05 * rng.standard_normal(len(tilt))
+    assert look_first(AxisLog(log.time, tilt, True, log.sampled[some], ball[some])) is None
+
+
+def test_identify_says_what_it_does_and_a_first_look_before_it_fits(log):
+    said, unmoved = [], replace(log, tilt=0 * log.tilt)
+    with pytest.raises(LogError, match="nobody moved"):
+        identify_axes([AnyLog("rig.csv", {"x": unmoved}, {"x": "rad"}, ())], 0.3, say=said.append)
+    assert len(said) == 1
+    assert said[0].startswith("rig.csv: fitting 17 s along x: about ")
+    brief = replace(log.between(0.0, 12.0), time=log.time)
+    with pytest.raises(LogError, match="stretches"):
+        identify_axes(
+            [AnyLog("rig.csv", {"x": brief}, {"x": "rad"}, ())],
+            0.0,
+            say=said.append,
+            selection=replace(AXIS_SELECTION, window_s=40.0),
+        )
+    assert said[2].startswith("first look, x: gain ")
+
+
+def test_residuals_of_the_true_model_are_white_and_those_of_another_are_not(fit):
+    assert fit.explained
+    line = fit.found.linearisation
+    wave = 1.5 * np.sin(np.arange(line.r.shape[-1]) / 8.0)
+    moved = fit.found._replace(linearisation=line._replace(r=line.r + wave))
+    assert not replace(fit, found=moved).explained
+
+
+def test_a_bracket_of_a_profile_gives_the_draws_of_the_whole_profile(fit):
+    values = [0.0, 0.02, 0.04, 0.08, 0.2, 0.4]
+    whole, part = profile(fit, "dead_band", values), profile_contenders(fit, "dead_band", values)
+    assert len(part.theta) < len(whole.theta)
+    for name in ("gain", "dead_band"):
+        ends = (np.quantile(each.deviations[name], (0.05, 0.95)) for each in (whole, part))
+        low, high = zip(*ends, strict=True)
+        assert low[0] == pytest.approx(low[1], abs=0.02 * abs(fit.value("gain")))
+        assert high[0] == pytest.approx(high[1], abs=0.02 * abs(fit.value("gain")))
+
+
+def test_a_parameter_that_acts_is_significant_and_one_that_does_not_is_not(axis_log, log, fit):
+    assert find_significance(fit, "camber") < 3.5
+    bent = axis_log(3, seconds=25, rate=60.0, pixel=0.0, camber=0.8, **TRUTH)
+    other = AxisLog(bent[0], bent[2], True, bent[0], bent[1])
+    names = ("gain", "dead_time", "lag", "level", "friction")
+    cambered = fit.refit(other, names, 2.5)
+    assert find_significance(cambered, "camber") > 10
+
+
+def test_candidates_that_have_converged_are_left_and_the_best_is_the_same(fit):
+    theta = fit.found.theta * np.array([[1.0], [1.3], [0.7]])
+    starts = fit_starts_from_scratch(fit.problem, theta, 3)
+    whole, part = (
+        minimise(fit.problem, theta, starts, 40, control=StepControl(drops_idle=each))
+        for each in (False, True)
+    )
+    assert part.cost.min() == pytest.approx(whole.cost.min(), rel=1e-3)
+    assert part.termination.reason == "converged"
+    assert AXIS_FITTING.search.control.drops_idle
