@@ -58,17 +58,19 @@ def column(value: Number) -> Number:
 
 
 def every(mask: Mask) -> bool:
-    """Whether a mask holds everywhere; of one rig several times faster than the mask's ``all``."""
-    return all(mask.ravel().tolist())
+    """Whether a mask holds everywhere; of few rigs several times faster than the mask's ``all``."""
+    return b"\0" not in mask.tobytes()
 
 
 def some(values: Mask | Array) -> bool:
-    """Whether any value is true, or not 0; of one rig several times faster than its ``any``."""
-    return any(values.ravel().tolist())
+    """Whether any value is true, or not 0; of few rigs several times faster than its ``any``."""
+    return bool(values.tobytes().strip(b"\0")) and bool(values.any())
 
 
 def finite(values: Array) -> bool:
-    """Whether all values are finite; of one rig faster than to ask numpy of each."""
+    """Whether all values are finite; of few rigs several times faster than to ask of each."""
+    if values.size > 2:
+        return every(np.isfinite(values))
     return all(map(math.isfinite, values.ravel().tolist()))
 
 

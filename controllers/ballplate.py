@@ -234,7 +234,7 @@ def constants(m: Any, r: Any, J: Any, height: Any) -> dict[str, Any]:
 
 def stack_reference(r: Array) -> Array:
     """The position and k - 1 derivatives of a reference, (k, ..., 2), as a chain, (..., 2, k)."""
-    return r.T if r.ndim == 2 else np.moveaxis(r, 0, -1)
+    return r.transpose(*range(1, r.ndim), 0)
 
 
 class _Seen(NamedTuple):

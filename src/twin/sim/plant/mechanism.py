@@ -247,7 +247,7 @@ class Mechanism:
         self._ctrl: Array = self._batch.bind("ctrl")
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
-        self._half, self._surface, self._rounded = self._models.shapes()
+        self._shape()
         self._height = self._models.heights()
         self._contact = None if friction is None else self._touching(friction)
         # how often friction that changes with speed or place is updated: every 2 ms
@@ -288,8 +288,12 @@ class Mechanism:
         """
         self._models.rebuild(self._batch, rigs, parts)
         self._height[rigs] = self._models.heights(rigs)
-        self._half, self._surface, self._rounded = self._models.shapes()
+        self._shape()
         self._exchange_friction(friction)
+
+    def _shape(self) -> None:
+        self._half, self._surface, self._rounded = self._models.shapes()
+        self._any_round = bool(self._rounded.any())
 
     def _exchange_friction(self, friction: Friction) -> None:
         """Let the balls roll on with other friction."""
@@ -373,14 +377,17 @@ class Mechanism:
 
     def _look(self) -> None:
         """Work out state and whereabouts of all balls from joint positions and speeds."""
-        pose, rate = self._qpos.T[self._at.poses], self._qvel.T[self._at.rates]
-        seen = ball_in_plate(pose[:2], rate[:2], pose[2:], rate[2:])
+        pose = self._qpos.take(self._at.poses, axis=1).T
+        rate = self._qvel.take(self._at.rates, axis=1).T
+        ball = ball_in_plate(pose[:2], rate[:2], pose[2:], rate[2:])
         self._seen = np.empty((8, self.rigs)).T
-        self._seen.T[:] = seen[0], seen[3], pose[0], rate[0], seen[1], seen[4], pose[1], rate[1]
-        inside = np.abs(seen[:2]) <= self._half
-        self._inside = inside[0] & inside[1] & (seen[2] >= self._surface)
-        if self._rounded.any():
-            beyond = seen[0] ** 2 + seen[1] ** 2 > self._half[0] ** 2
+        seen = self._seen.T
+        seen[0:2], seen[4:6], seen[2::4], seen[3::4] = ball[0], ball[1], pose[:2], rate[:2]
+        place, height = ball[:2, 0], ball[2, 0]
+        inside = np.abs(place) <= self._half
+        self._inside = inside[0] & inside[1] & (height >= self._surface)
+        if self._any_round:
+            beyond = place[0] ** 2 + place[1] ** 2 > self._half[0] ** 2
             self._inside &= ~(self._rounded & beyond)
 
     def saved_state(self) -> dict[str, Any]:
