@@ -86,7 +86,7 @@ def test_numbers_that_run_away_are_an_outcome_of_their_own(monkeypatch) -> None:
     def overflow(self: ExactPlant, *given: object) -> None:
         advance(self, *given)
         if next(ticks) > 50:
-            self._x[2:] = np.nan
+            self._x[1:] = np.nan
 
     alone = simulate(some[:1])
     monkeypatch.setattr(ExactPlant, "advance", overflow)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
@@ -409,6 +410,48 @@ def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array
     straight, across = cos_phi * found[::2], sin_phi * found[::-2]
     found[0], found[2] = straight[0] - across[0], straight[1] + across[1]
     return found
+
+
+def one_ball_in_plate(
+    plate: Sequence[float],
+    plate_rate: Sequence[float],
+    ball: Sequence[float],
+    ball_rate: Sequence[float],
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """``ball_in_plate`` of one rig in plain numbers: the same to the bit, and several times faster.
+
+    Args:
+        plate: Plate angles (phi, theta) in rad.
+        plate_rate: Their rates in rad/s.
+        ball: Ball centre in world axes from the cardan joint, m.
+        ball_rate: Its velocity in world axes, m/s.
+
+    Returns:
+        Along each axis of the plate position in m and velocity in m/s.
+    """
+    # numpy's sine here too: the math module's need not have the same last bits
+    angles = np.array(plate)
+    (sin_phi, sin_theta), (cos_phi, cos_theta) = np.sin(angles).tolist(), np.cos(angles).tolist()
+    phi_rate, theta_rate = plate_rate
+    across, along = phi_rate * cos_theta, phi_rate * sin_theta
+    (x, y, z), (vx, vy, vz) = ball, ball_rate
+    relative = (
+        vx - across * z + along * y,
+        vy - along * x + theta_rate * z,
+        vz - theta_rate * y + across * x,
+    )
+    found = []
+    for x_, y_, z_ in (ball, relative):
+        down = cos_theta * z_ - sin_theta * y_
+        found.append(
+            (
+                cos_phi * x_ - sin_phi * down,
+                cos_theta * y_ + sin_theta * z_,
+                sin_phi * x_ + cos_phi * down,
+            )
+        )
+    along_x, along_y, along_z = zip(*found, strict=True)
+    return along_x, along_y, along_z
 
 
 def rolling_ball(
