@@ -95,8 +95,8 @@ class CamTable:
     ratio: float = field(init=False)
     """Motor angle per plate angle about level, mean of the two axes."""
     _pieces: Array = field(init=False, repr=False, compare=False)
-    """Of every cell, row by row, the coefficients of powers 0 to 3 of phi, then theta, both counted
-    from its lower corner, for each motor, shape ((n - 1)^2, 32)."""
+    """Of every cell, row by row, the coefficients of powers 0 to 3 of theta, then phi, both counted
+    from its lower corner, then motor by motor, shape ((n - 1)^2, 32)."""
     _lists: tuple[Any, Any] = field(init=False, repr=False, compare=False)
     """Grid, and coefficients cell by cell, as lists, which Python reads faster."""
 
@@ -110,7 +110,8 @@ class CamTable:
         rows = np.moveaxis(cubic(self.grid, self.angles), 2, 0)
         pieces = cubic(self.grid, rows).transpose(4, 2, 0, 3, 1).copy()
         cells = np.moveaxis(pieces, (3, 4), (0, 1))
-        object.__setattr__(self, "_pieces", cells.reshape((n - 1) ** 2, -1))
+        theta_first = cells.transpose(0, 1, 4, 3, 2).reshape((n - 1) ** 2, -1)
+        object.__setattr__(self, "_pieces", theta_first)
         object.__setattr__(self, "_lists", (self.grid.tolist(), cells.tolist()))
         i = int(np.clip(self.grid.searchsorted(0.0, "right"), 1, n - 1)) - 1
         u = -float(self.grid[i])
@@ -130,15 +131,17 @@ class CamTable:
             i, j = [bisect_right(grid, a, 1, len(grid) - 1) - 1 for a in (phi, theta)]
             angles = _bicubic(cells[i][j], phi - grid[i], theta - grid[j])
             return np.array(angles).reshape(plate.shape)
-        rows, lines = plate.reshape(-1, 2).T, len(self.grid) - 1
-        inside = np.minimum(np.maximum(rows, self.grid[0]), self.grid[-1])
+        lines = len(self.grid) - 1
+        inside = np.minimum(np.maximum(plate.reshape(-1, 2), self.grid[0]), self.grid[-1])
         cell = np.minimum(self.grid.searchsorted(inside, "right"), lines) - 1
-        u, v = inside - self.grid[cell]
-        patches = self._pieces.take(cell[0] * lines + cell[1], axis=0).T.reshape(2, 4, 4, -1)
-        # in the order of ``_bicubic``, but all rows and both motors at once
-        a, b, c, d = patches.swapaxes(0, 2)
-        a, b, c, d = a + v * (b + v * (c + v * d))
-        return (a + u * (b + u * (c + u * d))).T.reshape(plate.shape).copy()
+        from_corner = inside - self.grid.take(cell)
+        u, v = from_corner[:, :1], from_corner[:, 1:]
+        patches = self._pieces.take(cell.dot((lines, 1)), axis=0)
+        # in the order of ``_bicubic``, but all of its rows and both motors at once
+        a, b, c, d = patches[:, :8], patches[:, 8:16], patches[:, 16:24], patches[:, 24:]
+        rows = a + v * (b + v * (c + v * d))
+        a, b, c, d = rows[:, :2], rows[:, 2:4], rows[:, 4:6], rows[:, 6:]
+        return (a + u * (b + u * (c + u * d))).reshape(plate.shape)
 
     def per_axis(self) -> CamTable:
         """One table per axis: what each motor needs while the other axis is level."""
