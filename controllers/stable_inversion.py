@@ -25,6 +25,7 @@ from controllers.arrays import (
     Positive,
     components,
     numbers,
+    some,
     square_of,
     together,
 )
@@ -829,7 +830,7 @@ class StableInversion(AboutMotion):
     def _gains_for(self, lag: Any, planned: Any) -> Sequence[Any]:
         """K for drives with a lag in s while the ball is to move, by how much it is planned to."""
         K: Sequence[Any] = self.K.tolist()
-        if self.model.lag or not (lag if isinstance(lag, float) else np.any(lag)):
+        if self.model.lag or not (lag if isinstance(lag, float) else some(lag)):
             return K
         planned, cubic = planned * (lag > 0), zip(*self._cubic, strict=True)
         return [
@@ -840,7 +841,7 @@ class StableInversion(AboutMotion):
     def _pull(self, eta: Any, rate: Any) -> Any:
         """The error of eta within bounds; the same bits where it does not reach them."""
         far = abs(eta) > PUSHED_ERROR_M
-        if far is False or not np.any(far):
+        if far is False or not (far is True or some(far)):
             return eta
         most = np.where(far & (eta * rate > 0), MAX_GROWING_ERROR_M, MAX_FED_BACK_ERROR_M)
         return np.minimum(np.maximum(eta, -most), most)
