@@ -97,6 +97,8 @@ class CamTable:
     _pieces: Array = field(init=False, repr=False, compare=False)
     """Of every cell, row by row, the coefficients of powers 0 to 3 of theta, then phi, both counted
     from its lower corner, then motor by motor, shape ((n - 1)^2, 32)."""
+    _bounds: tuple[Any, ...] = field(init=False, repr=False, compare=False)
+    """First and last line, the last cell, and what makes the place of a cell of its two lines."""
     _lists: tuple[Any, Any] = field(init=False, repr=False, compare=False)
     """Grid, and coefficients cell by cell, as lists, which Python reads faster."""
 
@@ -112,6 +114,8 @@ class CamTable:
         cells = np.moveaxis(pieces, (3, 4), (0, 1))
         theta_first = cells.transpose(0, 1, 4, 3, 2).reshape((n - 1) ** 2, -1)
         object.__setattr__(self, "_pieces", theta_first)
+        bounds = (*map(np.asarray, (self.grid[0], self.grid[-1], n - 2)), np.array((n - 1, 1)))
+        object.__setattr__(self, "_bounds", bounds)
         object.__setattr__(self, "_lists", (self.grid.tolist(), cells.tolist()))
         i = int(np.clip(self.grid.searchsorted(0.0, "right"), 1, n - 1)) - 1
         u = -float(self.grid[i])
@@ -131,17 +135,15 @@ class CamTable:
             i, j = [bisect_right(grid, a, 1, len(grid) - 1) - 1 for a in (phi, theta)]
             angles = _bicubic(cells[i][j], phi - grid[i], theta - grid[j])
             return np.array(angles).reshape(plate.shape)
-        lines = len(self.grid) - 1
-        inside = np.minimum(np.maximum(plate.reshape(-1, 2), self.grid[0]), self.grid[-1])
-        cell = np.minimum(self.grid.searchsorted(inside, "right"), lines) - 1
-        from_corner = inside - self.grid.take(cell)
-        u, v = from_corner[:, :1], from_corner[:, 1:]
-        patches = self._pieces.take(cell.dot((lines, 1)), axis=0)
+        first, last, end, to_place = self._bounds
+        inside = np.minimum(np.maximum(plate.reshape(-1, 2), first), last)
+        cell = np.minimum(self.grid.searchsorted(inside, "right") - 1, end)
+        u, v = (inside - self.grid.take(cell)).T.copy()
         # in the order of ``_bicubic``, but all of its rows and both motors at once
-        a, b, c, d = patches[:, :8], patches[:, 8:16], patches[:, 16:24], patches[:, 24:]
-        rows = a + v * (b + v * (c + v * d))
-        a, b, c, d = rows[:, :2], rows[:, 2:4], rows[:, 4:6], rows[:, 6:]
-        return (a + u * (b + u * (c + u * d))).reshape(plate.shape)
+        patches = self._pieces.take(cell.dot(to_place), axis=0).T.copy()
+        rows = patches[:8] + v * (patches[8:16] + v * (patches[16:24] + v * patches[24:]))
+        angles = rows[:2] + u * (rows[2:4] + u * (rows[4:6] + u * rows[6:]))
+        return angles.T.reshape(plate.shape).copy()
 
     def per_axis(self) -> CamTable:
         """One table per axis: what each motor needs while the other axis is level."""
