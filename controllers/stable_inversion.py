@@ -281,22 +281,31 @@ class FeasiblePath:
         Args:
             path: Position, velocity, acceleration, shape (3, K, ..., 2).
         """
-        A, J = self._limits
-        # over time first, which numpy does whole rows at once
-        kept: Mask = (np.abs(path[2]) <= A).all(axis=0)
-        for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
-            step = np.abs(each[1:] - each[:-1])
-            kept = kept & (step <= limit * self._period).all(axis=0)
-        return np.asarray(kept.all(axis=-1))
+        begins: Mask = (np.abs(path[2, 0]) <= self._limits[0]).all(axis=-1)
+        return np.asarray(begins & self.within_each(path).all(axis=0))
 
-    def follow(self, state: Array, path: Array) -> Array:
+    def within_each(self, path: Array) -> Mask:
+        """Whether each sample but the first, and the step to it, keep to them, (K - 1, ...).
+
+        Args:
+            path: Position, velocity, acceleration, shape (3, K, ..., 2).
+        """
+        A, J = self._limits
+        kept: Mask = np.abs(path[2, 1:]) <= A
+        for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
+            kept &= np.abs(each[1:] - each[:-1]) <= limit * self._period
+        return kept[..., 0] & kept[..., 1]
+
+    def follow(self, state: Array, path: Array, kept: Mask) -> Array:
         """The next slice, shape (3, count, ..., 2).
 
         Args:
             state: Position, velocity and acceleration at the end of the slice before, (3, ..., 2).
             path: What is wished from there on, shape (3, K, ..., 2), at least the time ahead.
+            kept: Which of its samples, and steps to them, keep to the limits, shape (K, ...).
         """
-        able = self.within(np.concatenate((state[:, None], path), axis=1))
+        joins = self.within(np.stack((state, path[:, 0]), axis=1))
+        able = np.asarray(joins & kept[1:].all(axis=0))
         slice_: Array = path[:, : self.count]
         if able.all() and not self._astray.any():
             return slice_
@@ -417,6 +426,8 @@ class Preview:
         self._feasible = FeasiblePath(limits, period, self.count) if able and limits else None
         self._further = math.ceil(SHAPING_HORIZON_S / period) if able else 0
         self._asked: Array = np.empty((3, 0, *start.shape))
+        self._kept: Mask = np.empty((0, *start.shape[:-1]), bool)
+        """Which samples of what was asked for, and steps to them, keep to the limits."""
         self._made = self._asked
         self.window: Array = self._asked
         """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2), of a slice that
@@ -444,6 +455,10 @@ class Preview:
         r[...] = given.reshape(3, count, *given.shape[2:-1] or [1] * len(rigs), 2)
         if self._spread:
             self._spread_jumps(r, times)
+        if self._feasible is not None:
+            before = self._asked[:, -1:] if self._asked.shape[1] else r[:, :1]
+            kept = self._feasible.within_each(np.concatenate((before, r), axis=1))
+            self._kept = np.concatenate((self._kept, kept))
         self._asked = np.concatenate((self._asked, r), axis=1)
         self._known += count
 
@@ -451,6 +466,7 @@ class Preview:
         """Of what was asked for and made keep the slice that is under way."""
         self._known = self._begun
         self._asked, self._made = self._asked[:, :0], self._made[:, : self.count]
+        self._kept = self._kept[:0]
         self._last, self._jumps = self._made[:2, -1], []
         if self._feasible is not None:
             self._feasible.begin_anew()
@@ -482,7 +498,8 @@ class Preview:
             if self._feasible is not None:
                 last = made if made.shape[1] else passed
                 before = last[:, -1] if last.shape[1] else self._before
-                slice_ = self._feasible.follow(before, self._asked)
+                slice_ = self._feasible.follow(before, self._asked, self._kept)
+                self._kept = self._kept[self.count :]
             made = np.concatenate((made, slice_), axis=1)
             self._asked = self._asked[:, self.count :]
         self._made, self.window = made, made[:, : self.length]
