@@ -1,8 +1,8 @@
-"""Processor time of a batch of rigs, beside that of an earlier commit checked out next to it.
+"""Processor time here compared with that of an earlier commit, each figure with its goal.
 
-    git worktree add ../old COMMIT && (cd ../old && uv sync)
+    git worktree add ../old 2a000bf6 && (cd ../old && uv sync)
     uv run python -m benchmarks.beside_commit ../old
-    uv run python -m benchmarks.beside_commit ../old --rigs 128 --rigs 16
+    uv run python -m benchmarks.beside_commit ../old --only command --only fixed
 
 Both take turns, each in a process of its own with its own environment and one thread of OpenBLAS;
 the least of all rounds counts. Either simulates what its own scenario of that name says.
@@ -14,87 +14,210 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
 from twin.base.page import markdown
 
-CASES = {
-    "cure, exact equations": ("cure", "plant.kind=lagrange"),
-    "cure, mechanism": ("cure", "plant.kind=mujoco"),
-    "stable_inversion, friction_kalman, exact equations": (
-        *("cure", "plant.kind=lagrange", "observer.kind=friction_kalman"),
-    ),
-    "afl, luenberger, exact equations": ("circle", "controller.kind=afl", "plant.kind=lagrange"),
-}
-"""Scenario and settings of each row."""
 PERIOD_S = 0.002
-SIMULATED = """
+BATCH = """
 import sys, time
+from mujoco.batch import Batch
 from twin.run.loop import simulate
 from twin.scenario import load
-name, rigs, *settings = sys.argv[1:]
-batch = [load(name, [*settings, f"seed={seed}"]) for seed in range(int(rigs))]
+
+PERIOD_S = 0.002
+name, rigs, seconds, *settings = sys.argv[1:]
+seconds = float(seconds)
+fixed = [f"duration={seconds}", f"metrics.start={seconds / 2}", "baseline=false"]
+batch = [load(name, [*settings, *fixed, f"seed={seed}"]) for seed in range(int(rigs))]
+# what a first run loads and designs is no cost of a period
+simulate([load(name, [*settings, "duration=0.1", "metrics.start=0", "baseline=false"])])
+"""
+SIMULATED = (
+    BATCH
+    + """
 begin = time.process_time()
 simulate(batch)
-print(time.process_time() - begin)
+print(1e6 * (time.process_time() - begin) * PERIOD_S / seconds)
 """
-"""Read by the Python of either checkout, old ones too."""
+)
+"""Of one control period of all rigs, in us. Read by the Python of either checkout, as all here."""
+FIXED = (
+    BATCH
+    + """
+steps, original = [], Batch.step
+
+def step(*given):
+    begin = time.process_time()
+    original(*given)
+    steps.append((begin, time.process_time()))
+
+Batch.step = step
+simulate(batch)
+physics = sum(end - begin for begin, end in steps)
+print(1e6 * (steps[-1][1] - steps[0][0] - physics) / len(steps))
+"""
+)
+"""The same without the engine's own steps, set-up and evaluation."""
 SWEPT = """
 import sys, time
 import ballplate
-name, rigs, *settings = sys.argv[1:]
+name, rigs, seconds, *settings = sys.argv[1:]
+settings += [f"duration={seconds}", f"metrics.start={float(seconds) / 2}", "baseline=false"]
 ballplate.sweep(name, {"seed": [0]}, settings=settings, processes=1)
 begin = time.process_time()
 ballplate.sweep(name, {"seed": [*range(int(rigs))]}, settings=settings, processes=1)
-print(time.process_time() - begin)
+print(1e6 * (time.process_time() - begin) * 0.002 / float(seconds))
 """
-"""The same as a sweep over seeds, on one process."""
-SWEEPS = {"sweep, afl, mechanism": ("circle", "plant.kind=mujoco")}
-"""Scenario and settings of each sweep."""
+"""As ``SIMULATED``, of a sweep over seeds on one process."""
+COMMANDED = """
+import sys, time
+import numpy as np
+from twin.run.assemble import assemble
+from twin.scenario import load
+
+name, _, seconds, *settings = sys.argv[1:]
+rig, controller = assemble(load(name, settings))
+times = []
+with rig:
+    measurement = rig.read()
+    controller.start(measurement)
+    rig.start()
+    for _ in range(round((float(seconds) + 1) / rig.period)):
+        begin = time.thread_time_ns()
+        step = controller.command(measurement)
+        passed = time.thread_time_ns() - begin
+        rate = rig.write(step.rate)
+        begin = time.thread_time_ns()
+        controller.applied(rate)
+        times.append(passed + time.thread_time_ns() - begin)
+        rig.wait()
+        measurement = rig.read()
+print(np.median(times[round(1 / rig.period) :]) / 1e3)
+"""
+"""Median of one rig's command after the first second, observer and law, in us."""
+SHELL = """
+import resource, subprocess, sys, tempfile
+
+name, _, seconds, *settings = sys.argv[1:]
+settings += [f"duration={seconds}", f"metrics.start={float(seconds) / 2}"]
+words = ["run", name, *(word for each in settings for word in ("--set", each))]
+with tempfile.TemporaryDirectory() as folder:
+    call = [sys.executable, "-c", "from twin.cli import main; main()", *words, "--out", folder]
+    subprocess.run(call, capture_output=True, check=True)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+"""
+RAN = SHELL + "print(used.ru_utime + used.ru_stime)"
+"""Processor seconds of a command from the shell to its last file."""
+HELD = SHELL + "print(used.ru_maxrss / 1024)"
+"""Memory in MiB of the largest of its processes."""
 
 
-def spent(
-    checkout: Path, rigs: int, seconds: float, case: tuple[str, ...], program: str = SIMULATED
-) -> float:
-    """Processor time in us of a rig and control period, of so many rigs under a program."""
-    fixed = (f"duration={seconds}", f"metrics.start={seconds / 2}", "baseline=false")
+class Row(NamedTuple):
+    """A figure that is compared.
+
+    Attributes:
+        name: What ``--only`` calls it.
+        what: What is measured.
+        unit: Its unit.
+        program: What prints it, given scenario, rigs, seconds and settings.
+        rigs: How many.
+        case: Scenario and settings.
+        goal: Largest ratio of here to the earlier commit; None for none.
+        seconds: Simulated time.
+    """
+
+    name: str
+    what: str
+    unit: str
+    program: str
+    rigs: int
+    case: tuple[str, ...]
+    goal: float | None = None
+    seconds: float = 3.0
+
+
+MECHANISM, EXACT = "plant.kind=mujoco", "plant.kind=lagrange"
+KALMAN = ("cure", EXACT, "observer.kind=friction_kalman")
+ROWS = (
+    Row("fixed", "16 rigs, afl, mechanism, without physics", "us", FIXED, 16, ("circle",), 0.5),
+    Row("point", "1 rig of a study, afl, mechanism", "us", SIMULATED, 1, ("circle",), 0.2),
+    Row("batch", "16 rigs, afl, mechanism", "us", SIMULATED, 16, ("circle",)),
+    Row("batch", "128 rigs, cure, exact equations", "us", SIMULATED, 128, ("cure", EXACT)),
+    Row("batch", "128 rigs, cure, mechanism", "us", SIMULATED, 128, ("cure", MECHANISM)),
+    Row("kalman", "128 rigs, friction_kalman, exact equations", "us", SIMULATED, 128, KALMAN, 0.6),
+    Row("batch", "128 rigs, afl, exact equations", "us", SIMULATED, 128, ("circle", EXACT)),
+    Row("sweep", "sweep over 64 rigs, afl, mechanism", "us", SWEPT, 64, ("circle", MECHANISM)),
+    Row("command", "one command of the cure", "us", COMMANDED, 1, ("cure",), 0.6),
+    Row("run", "run circle from the shell", "s", RAN, 1, ("circle",), 0.7, 25.0),
+    Row("memory", "memory of run circle", "MiB", HELD, 1, ("circle",), 0.76, 25.0),
+)
+"""All that is compared; a period of all rigs where nothing else is stated."""
+SMALL_GROUPS, LARGE_GROUP = (2, 5, 9, 15), 16
+SMALL_GROUP_GOAL = 1.3
+"""Largest cost of a period of a small group, in times of that of ``LARGE_GROUP`` rigs."""
+
+
+def measure(checkout: Path, row: Row) -> float:
+    """What a row's program prints in a checkout."""
     python = checkout / ".venv" / "bin" / "python"
+    name, *settings = row.case
     done = subprocess.run(
-        (python, "-c", program, case[0], str(rigs), *case[1:], *fixed),
+        (python, "-c", row.program, name, str(row.rigs), str(row.seconds), *settings),
         cwd=checkout,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         check=True,
         text=True,
     )
-    return 1e6 * float(done.stdout) * PERIOD_S / (rigs * seconds)
+    return float(done.stdout)
 
 
-def table(old: Path, rigs: int, seconds: float, rounds: int) -> str:
-    """What either needs in every case, and the ratio, as Markdown."""
-    here, rows = Path(sys.prefix).parent, []
-    cases = [(*each, SIMULATED) for each in CASES.items()]
-    cases += [(*each, SWEPT) for each in SWEEPS.items()]
-    for name, case, program in cases:
-        turns = [
-            [spent(each, rigs, seconds, case, program) for each in (old, here)]
-            for _ in range(rounds)
-        ]
+def table(old: Path, only: tuple[str, ...], rounds: int) -> str:
+    """Every figure at both commits, the ratio and its goal, as Markdown."""
+    here, found = Path(sys.prefix).parent, []
+    for row in ROWS:
+        if only and row.name not in only:
+            continue
+        turns = [[measure(each, row) for each in (old, here)] for _ in range(rounds)]
         before, now = map(min, zip(*turns, strict=True))
-        rows.append((f"{rigs} rigs, {name}", f"{before:.1f}", f"{now:.1f}", f"{now / before:.2f}"))
-    return markdown(("batch", "earlier commit [us]", "here [us]", "ratio"), rows)
+        bound = "-" if row.goal is None else f"at most {row.goal:g}"
+        cells = f"{before:.4g} {row.unit}", f"{now:.4g} {row.unit}", f"{now / before:.2f}"
+        found.append((row.what, *cells, bound))
+    return markdown(("figure", "earlier commit", "here", "ratio", "goal"), found)
+
+
+def groups_table(rounds: int) -> str:
+    """What a period of small groups costs here, in times of one of 16 rigs, as Markdown."""
+    here, sizes = Path(sys.prefix).parent, (LARGE_GROUP, *SMALL_GROUPS)
+    rows = [Row("groups", "", "us", SIMULATED, each, ("circle",)) for each in sizes]
+    turns = [[measure(here, row) for row in rows] for _ in range(rounds)]
+    large, *small = (min(turn) for turn in zip(*turns, strict=True))
+    goal = f"at most {SMALL_GROUP_GOAL:g}"
+    found = [
+        (f"{size} rigs", f"{took:.4g} us", f"{took / large:.2f}", goal)
+        for size, took in zip(SMALL_GROUPS, small, strict=True)
+    ]
+    return markdown(("group", "here", f"times that of {LARGE_GROUP}", "goal"), found)
 
 
 @click.command()
 @click.argument("old", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option("--rigs", type=int, multiple=True, default=(128,), help="Rigs in a batch.")
-@click.option("--seconds", type=float, default=3.0, help="Simulated time.")
+@click.option(
+    "--only",
+    type=click.Choice(sorted({"groups", *(row.name for row in ROWS)})),
+    multiple=True,
+    help="Compare this alone.",
+)
 @click.option("--rounds", type=int, default=3, help="Turns of either.")
-def main(old: Path, rigs: tuple[int, ...], seconds: float, rounds: int) -> None:
-    """Print what a rig and period costs at the checkout OLD and here."""
-    for each in rigs:
-        click.echo(table(old.resolve(), each, seconds, rounds) + "\n")
+def main(old: Path, only: tuple[str, ...], rounds: int) -> None:
+    """Print what each figure costs at the checkout OLD and here, and its goal."""
+    if only != ("groups",):
+        click.echo(table(old.resolve(), only, rounds) + "\n")
+    if not only or "groups" in only:
+        click.echo(groups_table(rounds))
 
 
 if __name__ == "__main__":

@@ -58,17 +58,20 @@ def column(value: Number) -> Number:
 
 
 def every(mask: Mask) -> bool:
-    """Whether a mask holds everywhere; of one rig several times faster than the mask's ``all``."""
-    return all(mask.ravel().tolist())
+    """Whether a mask holds everywhere; of few rigs several times faster than the mask's ``all``."""
+    return b"\0" not in mask.tobytes()
 
 
 def some(values: Mask | Array) -> bool:
-    """Whether any value is true, or not 0; of one rig several times faster than its ``any``."""
-    return any(values.ravel().tolist())
+    """Whether any value is true, or not 0; of few rigs several times faster than its ``any``."""
+    # of -0.0 not every byte is 0
+    return values.tobytes() != bytes(values.nbytes) and bool(values.any())
 
 
 def finite(values: Array) -> bool:
-    """Whether all values are finite; of one rig faster than to ask numpy of each."""
+    """Whether all values are finite; of few rigs several times faster than to ask of each."""
+    if values.size > 2:
+        return every(np.isfinite(values))
     return all(map(math.isfinite, values.ravel().tolist()))
 
 
@@ -85,7 +88,8 @@ class Arithmetic(NamedTuple):
     sqrt: Callable[[Any], Any]
     where: Callable[[Any, Any, Any], Any]
     """The second argument where the first is true, else the third."""
-    any: Callable[[Any], bool | np.bool_]
+    any: Callable[[Any], bool]
+    all: Callable[[Any], bool]
     least: Callable[[Any, Any], Any]
     """The smaller of two; the first if it is not a number."""
     most: Callable[[Any, Any], Any]
@@ -96,11 +100,12 @@ NUMBER_ARITHMETIC = Arithmetic(
     math.sqrt,
     lambda condition, this, other: this if condition else other,
     bool,
+    bool,
     lambda this, other: other if other < this else this,
     lambda this, other: other if other > this else this,
 )
 """Of plain numbers, several times faster than numpy's for one rig."""
-ARRAY_ARITHMETIC = Arithmetic(np.sqrt, np.where, np.any, np.minimum, np.maximum)
+ARRAY_ARITHMETIC = Arithmetic(np.sqrt, np.where, some, every, np.minimum, np.maximum)
 
 
 def elementwise(

@@ -205,8 +205,8 @@ class BallPlate:
     def chain(self, x: Array) -> Chain:
         """Brunovsky form of the flat model at the state x, shape (..., 8)."""
         z = x.copy().reshape(*x.shape[:-1], 2, 4)
-        # copies lie in one piece, which numpy reads faster than every fourth number
-        angle, rate = x[..., 2::4].copy(), x[..., 3::4].copy()
+        # a copy lies in one piece, which numpy reads faster than every fourth number
+        angle, rate = x[..., 2::4].copy(), x[..., 3::4]
         a = self.k * np.cos(angle)
         z[..., 2] = self.k * np.sin(angle)
         z[..., 3] = a * rate
@@ -234,7 +234,7 @@ def constants(m: Any, r: Any, J: Any, height: Any) -> dict[str, Any]:
 
 def stack_reference(r: Array) -> Array:
     """The position and k - 1 derivatives of a reference, (k, ..., 2), as a chain, (..., 2, k)."""
-    return r.T if r.ndim == 2 else np.moveaxis(r, 0, -1)
+    return r.transpose(*range(1, r.ndim), 0)
 
 
 class _Seen(NamedTuple):

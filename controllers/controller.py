@@ -390,19 +390,12 @@ class PerRigReference(SampledReference):
 
     def __init__(self, members: Sequence[Reference], period: float) -> None:
         distinct = list(dict.fromkeys(members))
+        which = np.array([distinct.index(member) for member in members])
         self.members = tuple(members)
-        # with the rigs' axis before the last: (5, *shape(t), M, 2)
-        super().__init__(lambda t: np.stack([each(t) for each in distinct], axis=-2), period)
-        self._which = np.array([distinct.index(member) for member in members])
-        self._now: tuple[float, Array] | None = None
-
-    def __call__(self, t: float | Array) -> Array:
-        """Positions and four derivatives, shape (5, *shape(t), N, 2)."""
-        if isinstance(t, np.ndarray):
-            return super().__call__(t).take(self._which, axis=-2)
-        if self._now is None or self._now[0] != t:
-            self._now = t, super().__call__(t).take(self._which, axis=-2)
-        return self._now[1]
+        # with the rigs' axis before the last: (5, *shape(t), N, 2)
+        super().__init__(
+            lambda t: np.stack([each(t) for each in distinct], axis=-2).take(which, axis=-2), period
+        )
 
 
 class _PartOf(Reference):

@@ -26,6 +26,7 @@ from controllers.arrays import (
     Positive,
     components,
     numbers,
+    some,
     square_of,
     together,
 )
@@ -349,22 +350,31 @@ class FeasiblePath:
         Args:
             path: Position, velocity, acceleration, shape (3, K, ..., 2).
         """
-        A, J = self._limits
-        # over time first, which numpy does whole rows at once
-        kept: Mask = (np.abs(path[2]) <= A).all(axis=0)
-        for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
-            step = np.abs(each[1:] - each[:-1])
-            kept = kept & (step <= limit * self._period).all(axis=0)
-        return np.asarray(kept.all(axis=-1))
+        begins: Mask = (np.abs(path[2, 0]) <= self._limits[0]).all(axis=-1)
+        return np.asarray(begins & self.within_each(path).all(axis=0))
 
-    def follow(self, state: Array, path: Array) -> Array:
+    def within_each(self, path: Array) -> Mask:
+        """Whether each sample but the first, and the step to it, keep to them, (K - 1, ...).
+
+        Args:
+            path: Position, velocity, acceleration, shape (3, K, ..., 2).
+        """
+        A, J = self._limits
+        kept: Mask = np.abs(path[2, 1:]) <= A
+        for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
+            kept &= np.abs(each[1:] - each[:-1]) <= limit * self._period
+        return kept[..., 0] & kept[..., 1]
+
+    def follow(self, state: Array, path: Array, kept: Mask) -> Array:
         """The next slice, shape (3, count, ..., 2).
 
         Args:
             state: Position, velocity, acceleration at the end of the previous slice, (3, ..., 2).
             path: The desired path from there, shape (3, K, ..., 2), at least the horizon long.
+            kept: Which of its samples, and steps to them, keep to the limits, shape (K, ...).
         """
-        able = self.within(np.concatenate((state[:, None], path), axis=1))
+        joins = self.within(np.stack((state, path[:, 0]), axis=1))
+        able = np.asarray(joins & kept[1:].all(axis=0))
         slice_: Array = path[:, : self.count]
         if able.all() and not self._astray.any():
             return slice_
@@ -503,6 +513,8 @@ class Preview:
             self._feasible = FeasiblePath(limits, period, self.count, shaping)
             self._further = math.ceil(shaping.horizon_s / period)
         self._sampled: Array = np.empty((3, 0, *start.shape))
+        self._kept: Mask = np.empty((0, *start.shape[:-1]), bool)
+        """Which of the sampled points, and steps to them, keep to the limits."""
         self._made = self._sampled
         self.window: Array = self._sampled
         """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2): the window that
@@ -530,6 +542,10 @@ class Preview:
         r[...] = given.reshape(3, count, *given.shape[2:-1] or [1] * len(rigs), 2)
         if self._spread:
             self._spread_jumps(r, times)
+        if self._feasible is not None:
+            before = self._sampled[:, -1:] if self._sampled.shape[1] else r[:, :1]
+            kept = self._feasible.within_each(np.concatenate((before, r), axis=1))
+            self._kept = np.concatenate((self._kept, kept))
         self._sampled = np.concatenate((self._sampled, r), axis=1)
         self._known += count
 
@@ -537,6 +553,7 @@ class Preview:
         """Drop all that was sampled and planned but the present slice."""
         self._known = self._begun
         self._sampled, self._made = self._sampled[:, :0], self._made[:, : self.count]
+        self._kept = self._kept[:0]
         self._last, self._jumps = self._made[:2, -1], []
         if self._feasible is not None:
             self._feasible.restart()
@@ -568,7 +585,8 @@ class Preview:
             if self._feasible is not None:
                 last = made if made.shape[1] else previous
                 before = last[:, -1] if last.shape[1] else self._before
-                slice_ = self._feasible.follow(before, self._sampled)
+                slice_ = self._feasible.follow(before, self._sampled, self._kept)
+                self._kept = self._kept[self.count :]
             made = np.concatenate((made, slice_), axis=1)
             self._sampled = self._sampled[:, self.count :]
         self._made, self.window = made, made[:, : self.length]
@@ -933,7 +951,7 @@ class StableInversion(AboutMotion):
             planned: From 0, where the ball is to rest, to 1, where it is to move.
         """
         K: Sequence[Any] = self.K.tolist()
-        if self.model.lag or not (lag if isinstance(lag, float) else np.any(lag)):
+        if self.model.lag or not (lag if isinstance(lag, float) else some(lag)):
             return K
         planned, cubic = planned * (lag > 0), zip(*self._cubic, strict=True)
         return [
@@ -945,7 +963,7 @@ class StableInversion(AboutMotion):
         """The error of eta within bounds; the same bits where it does not reach them."""
         bounds = self.push_response
         far = abs(eta) > bounds.pushed_error_m
-        if far is False or not np.any(far):
+        if far is False or not (far is True or some(far)):
             return eta
         most = np.where(far & (eta * rate > 0), bounds.max_growing_error_m, bounds.max_error_m)
         return np.minimum(np.maximum(eta, -most), most)

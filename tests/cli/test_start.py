@@ -11,7 +11,7 @@ from twin.cli import main
 
 UNUSED = {
     "control", "pandas", "sympy", "rerun", "matplotlib.pyplot", "scipy.signal",
-    "scipy.stats", "scipy.interpolate", "scipy.optimize", "glfw",
+    "scipy.stats", "scipy.interpolate", "scipy.optimize", "scipy.special", "glfw",
 }  # fmt: skip
 """What no run with a nonlinear law needs, whatever it writes."""
 LATE = {"matplotlib", "mujoco", "pyarrow", "PIL"}

@@ -191,7 +191,8 @@ def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
     feasible = FeasiblePath((A, J), T, 25, PathShaping(iterations=5000))
     path = STEP(1.5 + T * np.arange(1, 650))[:3]
     state = STEP(1.5)[:3]
-    made = feasible.follow(state, path)
+    kept = feasible.within_each(np.concatenate((path[:, :1], path), axis=1))
+    made = feasible.follow(state, path, kept)
     n, h = feasible.length, 25 * T / PATH_SHAPING.pieces_per_slice
     end = h * np.arange(1, n + 1)
     since = np.maximum(end[:, None] - h * np.arange(n + 1), 0.0)  # of each piece's begin

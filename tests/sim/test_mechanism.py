@@ -426,3 +426,29 @@ def ringing(true_rate):
 def test_feedback_of_the_true_plate_rate_excites_the_resonance_and_of_the_commanded_does_not():
     assert ringing(true_rate=True) > 0.1
     assert ringing(true_rate=False) < 0.02
+
+
+@pytest.mark.parametrize("parts", [None, ROUND], ids=["cams", "round cams"])
+def test_numpy_sees_one_ball_by_the_same_bits_as_among_others(parts):
+    start = np.array([[0.1, 0.02, -0.05, 0.03], [0.34, 0.5, 0.0, 0.1], [-0.2, 0.0, 0.1, -0.1]])
+    many = Mechanism(rigs=3, parts=parts, sensing=False)
+    many.start(start)
+    each = [Mechanism(parts=parts, sensing=False) for _ in start]
+    for plant, ball in zip(each, start, strict=True):
+        plant.start(ball[None])
+    for tick in range(60):
+        many.advance(np.tile(motion(0.002 * tick), (3, 1)), TICK)
+        for plant in each:
+            plant.advance(motion(0.002 * tick)[None], TICK)
+        assert np.array_equal(many.state, np.concatenate([plant.state for plant in each]))
+        assert np.array_equal(many.on_plate, np.concatenate([plant.on_plate for plant in each]))
+    assert many.on_plate.tolist() == [True, False, True]
+
+
+def test_numpy_sees_a_ball_where_the_sensors_of_the_engine_see_it(mechanism):
+    both = [mechanism(rigs=2, sensing=sensing) for sensing in (True, False)]
+    for plant in both:
+        plant.start(np.array([[0.1, 0.02, -0.05, 0.03], [-0.2, 0.0, 0.1, -0.1]]))
+        for tick in range(50):
+            plant.advance(np.tile(motion(0.002 * tick), (2, 1)), TICK)
+    assert both[1].state == pytest.approx(both[0].state, abs=1e-9)

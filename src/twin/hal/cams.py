@@ -95,8 +95,10 @@ class CamTable:
     ratio: float = field(init=False)
     """Motor angle per plate angle about level, mean of the two axes."""
     _pieces: Array = field(init=False, repr=False, compare=False)
-    """Coefficients of powers 0 to 3 of phi, then theta, both counted from a cell's lower corner,
-    for each motor and every cell, shape (2, 4, 4, n - 1, n - 1)."""
+    """Of every cell, row by row, the coefficients of powers 0 to 3 of theta, then phi, both counted
+    from its lower corner, then motor by motor, shape ((n - 1)^2, 32)."""
+    _bounds: tuple[Any, ...] = field(init=False, repr=False, compare=False)
+    """First and last line, the last cell, and what makes the place of a cell of its two lines."""
     _lists: tuple[Any, Any] = field(init=False, repr=False, compare=False)
     """Grid, and coefficients cell by cell, as lists, which Python reads faster."""
 
@@ -109,9 +111,12 @@ class CamTable:
             raise ModelError("cam table: angles must be finite and the grid rising")
         rows = np.moveaxis(cubic(self.grid, self.angles), 2, 0)
         pieces = cubic(self.grid, rows).transpose(4, 2, 0, 3, 1).copy()
-        cells = np.moveaxis(pieces, (3, 4), (0, 1)).tolist()
-        object.__setattr__(self, "_pieces", pieces)
-        object.__setattr__(self, "_lists", (self.grid.tolist(), cells))
+        cells = np.moveaxis(pieces, (3, 4), (0, 1))
+        theta_first = cells.transpose(0, 1, 4, 3, 2).reshape((n - 1) ** 2, -1)
+        object.__setattr__(self, "_pieces", theta_first)
+        bounds = (*map(np.asarray, (self.grid[0], self.grid[-1], n - 2)), np.array((n - 1, 1)))
+        object.__setattr__(self, "_bounds", bounds)
+        object.__setattr__(self, "_lists", (self.grid.tolist(), cells.tolist()))
         i = int(np.clip(self.grid.searchsorted(0.0, "right"), 1, n - 1)) - 1
         u = -float(self.grid[i])
         value, slope = np.array([1.0, u, u**2, u**3]), np.array([0.0, 1.0, 2 * u, 3 * u**2])
@@ -130,11 +135,15 @@ class CamTable:
             i, j = [bisect_right(grid, a, 1, len(grid) - 1) - 1 for a in (phi, theta)]
             angles = _bicubic(cells[i][j], phi - grid[i], theta - grid[j])
             return np.array(angles).reshape(plate.shape)
-        inside = np.minimum(np.maximum(plate, self.grid[0]), self.grid[-1])
-        cell = np.minimum(self.grid.searchsorted(inside, "right"), len(self.grid) - 1) - 1
-        from_corner = np.moveaxis(inside - self.grid[cell], -1, 0)
-        patches = self._pieces[..., cell[..., 0], cell[..., 1]]
-        return np.stack(_bicubic(patches, *from_corner), axis=-1)
+        first, last, end, to_place = self._bounds
+        inside = np.minimum(np.maximum(plate.reshape(-1, 2), first), last)
+        cell = np.minimum(self.grid.searchsorted(inside, "right") - 1, end)
+        u, v = (inside - self.grid.take(cell)).T.copy()
+        # in the order of ``_bicubic``, but all of its rows and both motors at once
+        patches = self._pieces.take(cell.dot(to_place), axis=0).T.copy()
+        rows = patches[:8] + v * (patches[8:16] + v * (patches[16:24] + v * patches[24:]))
+        angles = rows[:2] + u * (rows[2:4] + u * (rows[4:6] + u * rows[6:]))
+        return angles.T.reshape(plate.shape).copy()
 
     def per_axis(self) -> CamTable:
         """One table per axis: the angle of each motor while the other axis is level."""

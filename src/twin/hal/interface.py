@@ -177,14 +177,12 @@ class Clamp:
 
     def _allowed(self, by: Arithmetic, requested: Any, rate: Any, angle: Any) -> Any:
         """The same for each plate axis."""
-        back = requested < 0
-        towards = by.where(back, -angle, angle)
+        sense = by.where(requested < 0, -1.0, 1.0)
         # A rate v braked by one step per period covers at most (v + step / 2)^2 / (2 a), so this
         # is the square of v + step / 2 that the way to the angle limit allows.
-        square = self._whole_way - self._per_angle * towards
+        square = self._whole_way - self._per_angle * (sense * angle)
         largest = by.sqrt(by.least(by.most(square, self._least), self._most)) - self._half_step
-        size = by.least(largest, abs(requested))
-        requested = by.where(back, -size, size)
+        requested = sense * by.least(largest, abs(requested))
         return by.least(by.most(requested, rate - self._step), rate + self._step)
 
     def towards_level(self, angle: Array) -> Array:

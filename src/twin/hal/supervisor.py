@@ -197,6 +197,16 @@ class Supervisor:
         self._plates: deque[Array] = deque(maxlen=max(2, round(self.RATE_WINDOW_S / period)))
         """Measured plate angles of the last periods, rad, shape (N, 2)."""
 
+    @property
+    def drift_time(self) -> float:
+        """Time in s within which a measured drift is taken in now."""
+        return self._drift_time
+
+    @drift_time.setter
+    def drift_time(self, time: float) -> None:
+        self._drift_time = time
+        self._drift_share = self._period / time
+
     def limit_rate(self, rate: float | None) -> None:
         """Limit plate rates to this one in rad/s; None for those of the limits."""
         largest = self.limits.rate if rate is None else np.minimum(self.limits.rate, rate)
@@ -267,18 +277,20 @@ class Supervisor:
             y: Measured x, phi, y, theta in m and rad, shape (N, 4).
             touched: Whether the screen detects the ball, shape (N,).
         """
-        drift = y[:, 1::2] - self.angle
-        if not finite(drift):
-            drift = np.where(np.isfinite(drift), drift, 0.0)
-        self.angle = self.angle + self._period / self.drift_time * drift
+        plate = y[:, 1::2]
+        drift = plate - self.angle
+        # of what is within its bounds nothing is infinite or no number
         within = np.abs(y) <= self._bounds
         if not every(within):
+            drift = np.where(np.isfinite(drift), drift, 0.0)
             beyond = ~within
             beyond[:, 0::2] &= touched[:, None] | ~np.isnan(y[:, 0::2])
-            ball, plate = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
-            self._judge(BALL_OUTSIDE, ball, y[:, 0::2], "ball at ({:.3f}, {:.3f}) m left the area")
+            outside, tilted = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
+            where = "ball at ({:.3f}, {:.3f}) m left the area"
+            self._judge(BALL_OUTSIDE, outside, y[:, 0::2], where)
             where = "plate at ({:.2f}, {:.2f}) deg past its limit"
-            self._judge(PLATE_TILTED, plate, np.degrees(y[:, 1::2]), where)
+            self._judge(PLATE_TILTED, tilted, np.degrees(plate), where)
+        self.angle = self.angle + self._drift_share * drift
         if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)
             self._before = np.where(touched[:, None], self._before, np.nan)
@@ -289,9 +301,9 @@ class Supervisor:
         if self._pace == self._paces:
             self._pace = 0
             self._watch_speed(y[:, 0::2], touched)
-        self._plates.append(y[:, 1::2])
+        self._plates.append(plate)
         if not self.all_running:
-            self._watch_levelling(np.abs(y[:, 1::2]))
+            self._watch_levelling(np.abs(plate))
 
     def _watch_levelling(self, tilt: Array) -> None:
         """Stop the rigs whose plate tilts further and further though it is levelled.

@@ -54,21 +54,23 @@ if TYPE_CHECKING:
 
 
 def build_plant(
-    scenarios: Sequence[Scenario], *, threads: int = 0, as_alone: bool = False
+    scenarios: Sequence[Scenario], *, threads: int = 0, as_alone: bool | None = None
 ) -> tuple[Plant, Transmission]:
     """The plant of N scenarios and the transmissions that its rigs believe in.
 
     Args:
         scenarios: One per rig.
         threads: Threads of the engine; 0 for one per processor.
-        as_alone: Whether each rig gives the bits that it gives alone, where its kind has such a
-            way (``PlantKind.as_alone``).
+        as_alone: Whether each rig gives the bits that it gives alone, or those that it gives in a
+            batch of any size, where its kind has such ways (``PlantKind``); None for what is
+            faster.
 
     Raises:
         ModelError: If the mechanism or its cam table cannot be used.
     """
     kind = PLANTS[scenarios[0].plant.kind]
-    plant, known = ((as_alone and kind.as_alone) or kind.make)(scenarios, threads)
+    make = {None: None, True: kind.as_alone, False: kind.batched}[as_alone] or kind.make
+    plant, known = make(scenarios, threads)
     return plant, with_calibration_error(known, scenarios)
 
 
@@ -153,7 +155,7 @@ def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
 
 
 def _mechanism(
-    scenarios: Sequence[Scenario], threads: int, *, as_alone: bool = False
+    scenarios: Sequence[Scenario], threads: int, *, sensing: bool | None = None
 ) -> tuple[Plant, Transmission]:
     from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
 
@@ -163,7 +165,7 @@ def _mechanism(
         threads=threads,
         friction=_friction(scenarios),
         parts=list(map(parts_of, scenarios)),
-        as_alone=as_alone,
+        sensing=sensing,
     )
     return plant, _build_transmission(scenarios, plant.ratio)
 
@@ -192,12 +194,14 @@ class PlantKind(NamedTuple):
     Attributes:
         make: From N scenarios and a number of threads; the plant, and what its rigs know of cams.
         label: What a run on it is called beside runs on others.
-        least: Rigs from which on it is calculated in the same way, to the bit, however many.
+        least: Rigs from which on a batch is calculated in the same way, to the bit, however many.
         change: Lets it go on as scenarios say; by default it cannot.
         rebuild: Lets rigs of some numbers be what the scenarios of all say.
         foresee: Does ahead of time what takes long of ``change``.
         as_alone: As ``make``, but each rig gives the bits that it gives alone; None if no such way
             is known.
+        batched: As ``make``, but each rig gives the same bits in a batch of any size from
+            ``least`` on; None for ``make`` itself.
     """
 
     make: Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]]
@@ -207,13 +211,14 @@ class PlantKind(NamedTuple):
     rebuild: Callable[[Any, NDArray[np.integer], Sequence[Scenario]], None] = _cannot_change
     foresee: Callable[[Any, Sequence[Scenario]], None] = _cannot_change
     as_alone: Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]] | None = None
+    batched: Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]] | None = None
 
 
 PLANTS = {
     "lagrange": PlantKind(
         _exact,
         "exact equations",
-        least=2,
+        least=1,
         change=lambda plant, scenarios: plant.change(**_equations(scenarios)),
         rebuild=lambda plant, _, scenarios: plant.change(**_equations(scenarios)),
         foresee=lambda *_: None,
@@ -222,12 +227,14 @@ PLANTS = {
     "mujoco": PlantKind(
         _mechanism,
         "honest twin",
+        least=1,
         change=lambda plant, each: plant.change(_friction(each), list(map(parts_of, each))),
         rebuild=lambda plant, rigs, scenarios: plant.rebuild(
             rigs, [parts_of(scenarios[rig]) for rig in rigs], _friction(scenarios)
         ),
         foresee=lambda plant, scenarios: plant.foresee(list(map(parts_of, scenarios))),
-        as_alone=partial(_mechanism, as_alone=True),
+        as_alone=partial(_mechanism, sensing=True),
+        batched=partial(_mechanism, sensing=False),
     ),
 }
 """The plants by what ``plant.kind`` calls them."""
@@ -605,7 +612,7 @@ def assemble(
     anchor: float = Rig.ANCHOR,
     changeable: bool = False,
     unseen: bool = False,
-    as_alone: bool = False,
+    as_alone: bool | None = None,
 ) -> Assembled:
     """N rigs and their controllers from N scenarios.
 

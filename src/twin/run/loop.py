@@ -2,9 +2,9 @@
 
 Many scenarios are the rigs of one batch, each with the result it has alone. What a run gives does
 not depend, to the last bit, on what shares its batch: only scenarios that are ``alike`` are put
-together, noise is drawn rig by rig, and no group is smaller than the sizes from which on numpy and
-the plant calculate in one and the same way. Of rigs within episodes any may begin again while the
-others go on.
+together, noise is drawn rig by rig, and foreign laws and plants are in no group smaller than the
+sizes from which on numpy and they calculate in one and the same way. Of rigs within episodes any
+may begin again while the others go on.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from controllers.catalog import origin
 from controllers.controller import Controller, PerRigReference
 from controllers.interfaces import Measurement
 from twin.base.errors import ScenarioError, TwinError
@@ -36,6 +37,7 @@ from twin.run.metrics import (
 )
 from twin.run.record import Recorder
 from twin.scenario import Scenario
+from twin.scenario.schema import CATALOG_TABLES, choices
 from twin.sim.plant.interface import SomeRigs
 from twin.sim.rig import SimulatedRig
 
@@ -223,8 +225,9 @@ def drive(
 
 
 ROUNDING_PAIR = 2
-"""Matrix products of a law's rigs, a multiple of it, are rounded in the same way, whatever the
-multiple: kernels of OpenBLAS take rows in pairs, and an odd one by another way."""
+"""Matrix products of a foreign law's rigs, a multiple of it, are rounded in the same way, whatever
+the multiple: kernels of OpenBLAS take rows in pairs, and an odd one by another way. Laws of this
+program give each rig the same bits beside any number of others."""
 
 SEEN_EVERY = 5
 """Control periods from one instant to the next of what the rig's computer sees."""
@@ -272,7 +275,8 @@ def simulate(
     """
     order = _pad_batch(scenarios)
     first = scenarios[0]
-    rig, controller = assemble.assemble([scenarios[i] for i in order], threads=1, unseen=True)
+    batch = [scenarios[i] for i in order]
+    rig, controller = assemble.assemble(batch, threads=1, unseen=True, as_alone=False)
     ticks = round(first.duration / first.rig.period)
     late = [bool(scenario.controller.computing_time) for scenario in scenarios]
     record = Recorder(
@@ -290,8 +294,8 @@ def simulate(
         outcomes = drive(rig, controller, first.duration, record)
     if any(outcome.interrupted for outcome in outcomes):
         raise KeyboardInterrupt
-    assert isinstance(controller.reference, PerRigReference)
-    paths = controller.reference.members
+    reference = controller.reference
+    paths = reference.members if isinstance(reference, PerRigReference) else (reference,)
     desired = {path: path(record.time)[0] for path in set(paths)}
     found = []
     for index, scenario in enumerate(scenarios):
@@ -309,14 +313,23 @@ def simulate(
     return found
 
 
+def is_foreign(scenario: Scenario) -> bool:
+    """Whether a law, observer or reference of a scenario is not part of this program."""
+    return any(
+        origin(choices(table)[getattr(scenario, table).kind]) is not None
+        for table in CATALOG_TABLES
+    )
+
+
 def _pad_batch(scenarios: Sequence[Scenario]) -> list[int]:
-    """Order of the scenarios by law; the last of a law twice where its number is odd."""
+    """Order of the scenarios by law; of foreign laws the last twice where its number is odd."""
     groups: dict[tuple[str, BallPlate], list[int]] = {}
     for index, scenario in enumerate(scenarios):
         groups.setdefault(assemble.law_of(scenario), []).append(index)
     found: list[int] = []
     for its in groups.values():
-        found += its + its[-1:] * (len(its) % ROUNDING_PAIR)
+        odd = len(its) % ROUNDING_PAIR if is_foreign(scenarios[its[0]]) else 0
+        found += its + its[-1:] * odd
     lacking = max(0, assemble.PLANTS[scenarios[0].plant.kind].least - len(found))
     return found + [found[-1]] * lacking
 

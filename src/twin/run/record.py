@@ -219,7 +219,8 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
     found = pa.Table.from_arrays(arrays, schema=schema)
 
     def fill(path: Path) -> None:
-        with pq.ParquetWriter(path, schema) as writer:
+        # hardly two numbers of a signal are the same: a dictionary of them takes time and room
+        with pq.ParquetWriter(path, schema, use_dictionary=False) as writer:
             writer.write_table(found)
             # of the file, not of the schema: who changes its table writes another file without it
             writer.add_key_value_metadata({CHECKSUM: seal})

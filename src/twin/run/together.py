@@ -9,16 +9,15 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from contextlib import suppress
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from controllers.catalog import origin
 from controllers.controller import PerRigReference
 from twin.base.errors import LawError, TwinError
 from twin.base.jobs import results
 from twin.run import assemble
 from twin.run.finished import Run, run
-from twin.run.loop import alike, drive
+from twin.run.loop import alike, drive, is_foreign
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
-from twin.scenario.schema import CATALOG_TABLES, Scenario, choices
+from twin.scenario.schema import Scenario, choices
 
 if TYPE_CHECKING:
     from controllers.interfaces import Law
@@ -63,11 +62,8 @@ def batch_key(scenario: Scenario) -> str | None:
     choice = scenario.controller
     if assemble.PLANTS[scenario.plant.kind].as_alone is None or choice.kind in ALONE_KINDS:
         return None
-    if choice.computing_time or scenario.law_ticks > 1:
+    if choice.computing_time or scenario.law_ticks > 1 or is_foreign(scenario):
         return None
-    for table in CATALOG_TABLES:
-        if origin(choices(table)[getattr(scenario, table).kind]) is not None:
-            return None
     law = cast("type[Law]", choices("controller")[choice.kind])
     known = {**alike(scenario), "needs": law.needs}
     return json.dumps(known, sort_keys=True, default=str)

@@ -321,7 +321,9 @@ class SimulatedScreen:
         self._hides = bool((self._out_of_sight[1] > self._out_of_sight[0]).all(axis=-1).any())
         self._jitter = np.broadcast_to(np.asarray(model.jitter, float), rate.shape)
         self._early = np.where(self._jitter > 0, self._frame / 2, 0.0)
-        self._lost = scipy.special.ndtri(np.broadcast_to(np.asarray(model.lost, float), rate.shape))
+        lost = np.broadcast_to(np.asarray(model.lost, float), rate.shape)
+        # loading scipy's part takes longer than a second of a run
+        self._lost = scipy.special.ndtri(lost) if lost.any() else np.full(rate.shape, -np.inf)
 
     def _wait(self, delay: Array, spread: Array) -> None:
         """Let samples take dead times in s, shape (N,), and a spread of them."""

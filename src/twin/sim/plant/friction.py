@@ -254,8 +254,12 @@ def resist(
     """
     (vx, vy), (ax, ay), where = velocity, free, by.where
     speed = by.sqrt(vx * vx + vy * vy)
+    moving = speed > 0
+    if by.all(moving):  # the same, without what only resting balls need
+        drag = limit / speed
+        return ax - drag * vx, ay - drag * vy
     push = by.sqrt(ax * ax + ay * ay)
-    moving, freed = speed > 0, (push > limit) & (push > 0)
+    freed = (push > limit) & (push > 0)
     drag = where(moving, limit / where(moving, speed, 1.0), 0.0)
     share = where(freed, 1.0 - limit / where(freed, push, 1.0), 0.0)
     kept = where(moving, 1.0, share)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
@@ -376,7 +377,7 @@ def from_plate(vector: Array, phi: Array, theta: Array) -> Array:
 
 
 def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array) -> Array:
-    """Position and velocity of the ball in plate axes, (x, y, z, x', y', z').
+    """Position and velocity of the ball in plate axes.
 
     Plate axes are those of R = Rx(theta) Ry(phi) (4.5), so the position is R' r, and its rate
     R' (v - w x r) with the plate's angular velocity w = (theta', phi' cos theta, phi' sin theta)
@@ -389,24 +390,68 @@ def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array
         ball_rate: Its velocity in world axes, m/s, shape (3, N).
 
     Returns:
-        Shape (6, N), in m and m/s.
+        Along each axis of the plate position in m and velocity in m/s, shape (3, 2, N).
     """
-    sin_phi, sin_theta = np.sin(plate)
-    cos_phi, cos_theta = np.cos(plate)
+    (sin_phi, sin_theta), (cos_phi, cos_theta) = np.sin(plate), np.cos(plate)
+    phi_rate, theta_rate = plate_rate
+    # the first two components once more behind the third: slices of them are the cross product
+    w, r = np.empty((2, 5, plate.shape[1]))
+    w[0] = w[3] = theta_rate
+    w[1] = w[4] = phi_rate * cos_theta
+    w[2] = phi_rate * sin_theta
+    r[:3], r[3:] = ball, ball[:2]
+    found = np.empty((3, 2, plate.shape[1]))
+    found[:, 0] = ball
+    # relative to the turning plate, still in world axes
+    found[:, 1] = ball_rate - w[1:4] * r[2:5] + w[2:5] * r[1:4]
+    # back by theta, y with z, then by phi, x with z
+    straight, across = cos_theta * found[1:], sin_theta * found[:0:-1]
+    found[1], found[2] = straight[0] + across[0], straight[1] - across[1]
+    straight, across = cos_phi * found[::2], sin_phi * found[::-2]
+    found[0], found[2] = straight[0] - across[0], straight[1] + across[1]
+    return found
+
+
+def one_ball_in_plate(
+    plate: Sequence[float],
+    plate_rate: Sequence[float],
+    ball: Sequence[float],
+    ball_rate: Sequence[float],
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """``ball_in_plate`` of one rig in plain numbers: the same to the bit, and several times faster.
+
+    Args:
+        plate: Plate angles (phi, theta) in rad.
+        plate_rate: Their rates in rad/s.
+        ball: Ball centre in world axes from the cardan joint, m.
+        ball_rate: Its velocity in world axes, m/s.
+
+    Returns:
+        Along each axis of the plate position in m and velocity in m/s.
+    """
+    # numpy's sine here too: the math module's need not have the same last bits
+    angles = np.array(plate)
+    (sin_phi, sin_theta), (cos_phi, cos_theta) = np.sin(angles).tolist(), np.cos(angles).tolist()
     phi_rate, theta_rate = plate_rate
     across, along = phi_rate * cos_theta, phi_rate * sin_theta
-    x, y, z = ball
-    # Velocity relative to the turning plate, still in world axes.
-    vx = ball_rate[0] - across * z + along * y
-    vy = ball_rate[1] - along * x + theta_rate * z
-    vz = ball_rate[2] - theta_rate * y + across * x
-    out = np.empty((6, plate.shape[1]))
-    for first, (along_x, along_y, along_z) in ((0, ball), (3, (vx, vy, vz))):
-        down = cos_theta * along_z - sin_theta * along_y
-        out[first] = cos_phi * along_x - sin_phi * down
-        out[first + 1] = cos_theta * along_y + sin_theta * along_z
-        out[first + 2] = sin_phi * along_x + cos_phi * down
-    return out
+    (x, y, z), (vx, vy, vz) = ball, ball_rate
+    relative = (
+        vx - across * z + along * y,
+        vy - along * x + theta_rate * z,
+        vz - theta_rate * y + across * x,
+    )
+    found = []
+    for x_, y_, z_ in (ball, relative):
+        down = cos_theta * z_ - sin_theta * y_
+        found.append(
+            (
+                cos_phi * x_ - sin_phi * down,
+                cos_theta * y_ + sin_theta * z_,
+                sin_phi * x_ + cos_phi * down,
+            )
+        )
+    along_x, along_y, along_z = zip(*found, strict=True)
+    return along_x, along_y, along_z
 
 
 def rolling_ball(
