@@ -210,6 +210,7 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option("--channel", help="Which channel of the trace [the one with most frames].")
 @click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
 @click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
+@click.option("--check", is_flag=True, help="Exit with 1 if a problem is unresolved at the end.")
 @click.option("--touch", type=options.PATH, help="The data of the touch screen, a CSV file.")
 @click.option("--log", type=options.PATH, help="With --rig and --touch: write a log there, .csv.")
 @options.JSON
@@ -223,6 +224,7 @@ def trace(
     log: Path | None,
     *,
     again: bool,
+    check: bool,
 ) -> int:
     """Decode what the drives and their host sent, from a trace of the CAN bus.
 
@@ -232,12 +234,15 @@ def trace(
     --replay sends the host's frames to emulated drives, and reports different answers.
     """
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
+    from twin.devices.akd.findings import Severity, assess
     from twin.devices.akd.traces import read_trace
 
     if log is not None and (rig is None or touch is None):
         raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
     place = file / TRACE_FILE if file.is_dir() else file
     found = read_trace(place, channel)
+    if again and check:
+        raise LogError("--check: not with --replay, which has an exit code of its own")
     if not found.timed and (again or log):
         raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
     if place.name == TRACE_FILE:
@@ -255,7 +260,8 @@ def trace(
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary["timed"] = found.timed
     remarks = [*found.remarks, *names.sheet.remarks, *conversation.remarks()]
-    summary |= conversation.summary() | {"remarks": remarks}
+    verdict = assess(conversation)
+    summary |= verdict.as_dict() | conversation.summary() | {"remarks": remarks}
     events = [event._asdict() for event in conversation.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:
@@ -265,12 +271,12 @@ def trace(
 
         home = np.radians(own.home_deg)
         export(log, log_of_trace(conversation, drives, cams_of(own), home, touch), TRACE_UNITS)
-    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:]) for each in conversation.events]
+    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:4]) for each in conversation.events]
     when = "time [s]" if found.timed else "frame"
     span = f" in {conversation.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:]), *rows])
+        csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:4]), *rows])
         write_whole(out, text.getvalue())
     shown = (
         bold(f"{file}: {len(found.frames)} frames on {found.channel}{span}"),
@@ -279,7 +285,7 @@ def trace(
         Table("", (when, "who", "kind", "what"), rows, words=(1, 2, 3)),
     )
     show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
-    return 0
+    return int(check and verdict.worst is Severity.UNRESOLVED)
 
 
 def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:

@@ -207,10 +207,11 @@ def test_gaps_and_ends_of_what_comes_regularly_are_told():
         "no heartbeat of node 1 from here on (usually every 20 ms)",
     ]
     assert [each.time for each in told.events if each.kind == "gap"] == pytest.approx([0.4, 0.5])
-    assert told.pauses["SYNC"] == {
+    assert told.summary()["regular"]["SYNC"] == {
         "usual": pytest.approx(0.002),
         "gaps": 1,
         "longest": pytest.approx(0.01),
+        "worst": pytest.approx(0.01),
     }
 
 

@@ -23,12 +23,24 @@ import numpy as np
 from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN_RAD, AkdConfig
 from twin.devices.akd.eds import DataSheet, read_data_sheet
+from twin.devices.akd.observed import (
+    BUS,
+    Change,
+    Command,
+    EmergencyReport,
+    ErrorFrame,
+    Gap,
+    Observed,
+    Rhythm,
+    StreamKey,
+    Transfer,
+)
 from twin.devices.akd.protocol import Key, Object, mappings, table
 from twin.hal.interface import NOMINAL_PERIOD
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
-_ERROR_CODE, _FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
-_TOLD = {CONTROL, STATUS, 0x6060, 0x6061, _ERROR_CODE, 0x1001, 0x60FD}
+ERROR_CODE, FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
+_TOLD = {CONTROL, STATUS, 0x6060, 0x6061, ERROR_CODE, 0x1001, 0x60FD}
 """Objects of which every change in a PDO is reported."""
 _POSITIONS = (0x6062, PLACE, 0x607A, 0x60F4)
 """In units of the user; the feed (6092h) gives their number in a turn of the shaft."""
@@ -37,10 +49,10 @@ _INCREMENTS = (0x6063, 0x60FC)
 _VELOCITIES = (0x606B, SPEED, TARGET)
 AKD = 0x6A
 """Vendor of the drives that count velocities in 0.001 rpm."""
-_DRIVES = {402, 0xFFFF}
-"""Profiles (low word of 1000h) of drives, and of devices of several profiles."""
+_DRIVES = {0, 402, 0xFFFF}
+"""Profiles (low word of 1000h) of drives, of devices of several profiles, and of none (0)."""
 _VENDORS_OBJECTS, _PROFILES_OBJECTS = range(0x2000, 0x6000), range(0x6000, 0xA000)
-_AXIS = 0x800
+AXIS_OFFSET = 0x800
 """Objects from one axis of a drive to the next."""
 _UNUSED = 0x20
 """Index below which a mapped object is a type: bits that stand for nothing."""
@@ -79,12 +91,14 @@ class TracedEvent(NamedTuple):
         who: The sender.
         kind: NMT, SDO, PDO, EMCY, heartbeat, SYNC or bus.
         text: What, in words.
+        frame: Number of the frame, from 1.
     """
 
     time: float
     who: str
     kind: str
     text: str
+    frame: int = 0
 
 
 class Pdo(NamedTuple):
@@ -147,7 +161,7 @@ def axis_of(index: int) -> tuple[int, int]:
     """The object of the first axis that an object is like, and its axis, 1 for the first."""
     if index not in _PROFILES_OBJECTS:
         return index, 1
-    axis, offset = divmod(index - _PROFILES_OBJECTS.start, _AXIS)
+    axis, offset = divmod(index - _PROFILES_OBJECTS.start, AXIS_OFFSET)
     return _PROFILES_OBJECTS.start + offset, axis + 1
 
 
@@ -203,6 +217,7 @@ class _Transfer:
     """
 
     since: float
+    frame: int
     key: Key
     writes: bool
     block: bool
@@ -254,11 +269,11 @@ class Conversation:
         self._long: Counter[int] = Counter()
         self.errors: Counter[str] = Counter()
         """Error frames by what they say."""
-        self.pauses: dict[str, dict[str, Any]] = {}
-        """Of what came regularly: its usual pause in s, its gaps and the longest."""
+        self.observed = Observed()
+        """What the frames show, as data."""
         self._names = names or Names()
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
-        self._times: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+        self._frame = 0
         self._sdo: dict[int, _Transfer] = {}
         self.pdos: dict[int, Pdo] = {}
         """PDOs by their identifier, as the trace has them at its end."""
@@ -272,7 +287,7 @@ class Conversation:
         self._there, self._identities = _introduced(heard)
         self.values = _Held(self._known_of)
         """What objects of nodes hold at its end, as far as it was read or written."""
-        for message in heard:
+        for self._frame, message in enumerate(heard, 1):
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):
             self._ended(node, left, *_UNANSWERED)
@@ -283,7 +298,7 @@ class Conversation:
     def _known_of(self, node: int) -> dict[Key, int]:
         """What the trace does not show: by the standard, by the maker's file, by the rig's."""
         known = dict[Key, int]()
-        if self._is_drive(node):
+        if self.is_drive(node):
             known |= mappings({int(at, 16): each for at, each in table()["defaults"].items()})
         if self._is_of_sheet(node):
             known |= self._names.sheet.held_by(node)
@@ -301,7 +316,7 @@ class Conversation:
         vendor = self._identities.get((node, _VENDOR), self._names.sheet.vendor)
         return node in self._axes or vendor == AKD
 
-    def _is_drive(self, node: int) -> bool:
+    def is_drive(self, node: int) -> bool:
         """Whether a node may be a drive: unless the trace or its file shows a different profile."""
         default = self._names.sheet.defaults.get(_PROFILE) if self._is_of_sheet(node) else None
         profile = self._identities.get((node, _PROFILE), default.number if default else None)
@@ -314,7 +329,7 @@ class Conversation:
             found = self._objects[node, key] = self._names.describe(
                 key,
                 akd=self.is_akd(node),
-                drive=self._is_drive(node),
+                drive=self.is_drive(node),
                 sheet=self._is_of_sheet(node),
             )
         return found
@@ -322,19 +337,27 @@ class Conversation:
     def _is_told(self, node: int, key: Key) -> bool:
         """Whether every change of an object is reported."""
         index = axis_of(key[0])[0]
-        if index == _FAULTS:
+        if index == FAULTS:
             return self.is_akd(node)
-        return index in _TOLD and (index < _PROFILES_OBJECTS.start or self._is_drive(node))
+        return index in _TOLD and (index < _PROFILES_OBJECTS.start or self.is_drive(node))
 
     @property
     def sync(self) -> array[float]:
         """When SYNC was sent, s since the first frame."""
-        return self._times["SYNC"]
+        return self.observed.streams[StreamKey(BUS, "SYNC")].time
 
     def called(self, node: int) -> str:
         """What a node is called."""
         axis = self._axes.get(node)
         return f"node {node}" + (f" ({axis.name})" if axis else "")
+
+    def plate_object(self, node: int) -> Key | None:
+        """The object of the plate's encoder in a node; None if no rig file names it."""
+        return self._axes[node].plate_object if node in self._axes else None
+
+    def has_axes(self, node: int) -> bool:
+        """Whether a drive has several axes."""
+        return node in self.nodes and bool(self.nodes[node].axes)
 
     def scale(self, node: int, key: Key) -> tuple[float, str]:
         """Factor and SI unit of an object of a node; 1 and nothing if they are not known.
@@ -347,13 +370,13 @@ class Conversation:
         axis, (index, number) = self._axes.get(node), axis_of(key[0])
         if axis is not None and key == axis.plate_object:
             return axis.plate, "rad"
-        if key[1] or not self._is_drive(node):
+        if key[1] or not self.is_drive(node):
             return 1.0, ""
         if axis is not None and index in _POSITIONS:
             return axis.position, "rad"
         if index in _VELOCITIES and self.is_akd(node):
             return axis.velocity if axis else 0.001 * RPM, "rad/s"
-        units = self._units_a_turn(node, index, (number - 1) * _AXIS)
+        units = self._units_a_turn(node, index, (number - 1) * AXIS_OFFSET)
         return (TURN_RAD / units, "rad") if units else (1.0, "")
 
     def _units_a_turn(self, node: int, index: int, offset: int) -> float | None:
@@ -384,7 +407,7 @@ class Conversation:
         factor, unit = self.scale(node, key)
         of_pdo, maps = index in protocol.PDOS, bool(index & 0x200)
         text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & _mask(value):X}h)"
-        drive = self._is_drive(node)
+        drive = self.is_drive(node)
         if index == STATUS and drive:
             served = 0xFFFF if self.is_akd(node) else self._served[node, key[0]]
             text = f"{protocol.status_words(value, served)} ({value:04X}h)"
@@ -392,7 +415,7 @@ class Conversation:
             text = f"{protocol.control_words(value)} ({value:04X}h)"
         elif index in {0x6060, 0x6061} and drive:
             text = table()["modes"].get(f"{value}", f"mode {value}")
-        elif index == _ERROR_CODE and drive and value:
+        elif index == ERROR_CODE and drive and value:
             words = protocol.error_words(value, akd=self.is_akd(node))
             text = f"{value:04X}h {words}".strip()
         elif index == 0x1016 and sub and value:
@@ -402,7 +425,7 @@ class Conversation:
         elif of_pdo and maps and sub and value:
             carried, bits = _split_mapping(value)
             text = f"{self.object_name(node, carried)}, {bits} bits"
-        elif index == _FAULTS and sub and value and self.is_akd(node):
+        elif index == FAULTS and sub and value and self.is_akd(node):
             text = protocol.fault_words([value])
         elif unit:
             text = f"{value * factor:.6g} {unit}"
@@ -426,7 +449,10 @@ class Conversation:
         }
         strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
         return {"begin": self.begin, "duration": self.duration, "nodes": nodes, "pdos": pdos} | {
-            "regular": self.pauses,
+            "regular": {
+                self.label(stream): rhythm.summary()
+                for stream, rhythm in self.observed.rhythms.items()
+            },
             "strangers": strangers,
             "errors": dict(self.errors),
         }
@@ -467,13 +493,20 @@ class Conversation:
         return value != before
 
     def _say(self, at: float, who: str, kind: str, text: str) -> None:
-        self.events.append(TracedEvent(at, who, kind, text))
+        self.events.append(TracedEvent(at, who, kind, text, self._frame))
+
+    def _note(self, at: float, node: int, key: Key, value: int) -> None:
+        """Keep a value of an object where it changes."""
+        changes = self.observed.changes[node, key]
+        if not changes or changes[-1].value != value:
+            changes.append(Change(at, self._frame, value))
 
     def _take(self, message: can.Message, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame:
             what = _error_words(identifier, data)
             self.errors[what] += 1
+            self.observed.error_frames.append(ErrorFrame(at, self._frame, identifier, what))
             self._say(at, "adapter", "bus", f"error frame: {what}")
         elif message.is_extended_id:
             self.strangers[identifier] += 1
@@ -482,8 +515,9 @@ class Conversation:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
             self._say(at, HOST, "NMT", f"{command}: {whom}")
+            self.observed.commands.append(Command(at, self._frame, data[0], data[1]))
         elif identifier == protocol.SYNC:
-            self._times["SYNC"].append(at)
+            self.observed.streams[StreamKey(BUS, "SYNC")].append(at, self._frame)
         elif not message.is_remote_frame:
             self._service(at, identifier, data)
 
@@ -501,23 +535,27 @@ class Conversation:
         else:
             node = self._node(number)
             node.frames[kind] += 1
+            self.observed.sent_by[number].append(at, self._frame)
             if service == protocol.EMERGENCY:
                 message = protocol.decode_emergency(data)
                 words = message.in_words(akd=self.is_akd(number))
                 self._say(at, node.name, kind, words)
+                report = EmergencyReport(at, self._frame, number, message.code, words)
+                self.observed.emergencies.append(report)
                 if message.code:
                     node.faults.append({"time": at, "text": words})
             elif service == protocol.SDO_RESPONSE:
                 self._transfer(at, number, data, asks=False)
             elif (state := protocol.decode_nmt_state(data)) is not None:
-                self._heartbeat(at, node, state)
+                self._heartbeat(at, number, state)
 
-    def _heartbeat(self, at: float, node: Node, state: int) -> None:
-        words = protocol.nmt_words(state)
+    def _heartbeat(self, at: float, number: int, state: int) -> None:
+        node, words = self._node(number), protocol.nmt_words(state)
         if state:
-            self._times[f"heartbeat of {node.name}"].append(at)
+            self.observed.streams[StreamKey(number, "heartbeat")].append(at, self._frame)
         if not state or node.states[-1:] != [words]:
             node.states.append(words)
+            self.observed.network[number].append(Change(at, self._frame, state))
             self._say(at, node.name, "heartbeat", words)
 
     def _power(self, at: float, number: int, key: Key, status: int) -> None:
@@ -580,8 +618,9 @@ class Conversation:
         who = node.name if pdo.name[0] == "T" else HOST
         if who != HOST:
             node.frames["PDO"] += 1
+            self.observed.sent_by[pdo.node].append(at, self._frame)
         stream = f"{pdo.name} of {node.name}"
-        self._times[stream].append(at)
+        self.observed.streams[StreamKey(pdo.node, pdo.name)].append(at, self._frame)
         fits = self._unpack(at, who, pdo, data)
         for other in self._receivers.get(identifier, {}).values():
             fits |= self._unpack(at, who, other, data)
@@ -624,6 +663,7 @@ class Conversation:
 
     def _changed(self, at: float, who: str, pdo: Pdo, key: Key, value: int) -> None:
         """Report a value of a PDO that differs from the one before."""
+        self._note(at, pdo.node, key, value)
         if axis_of(key[0])[0] == STATUS:
             self._power(at, pdo.node, key, value)
         words = self.words(pdo.node, key, value)
@@ -645,12 +685,13 @@ class Conversation:
             if transfer is not None:
                 self._ended(number, transfer, *_UNANSWERED)
             key = data[1] | data[2] << 8, data[3]
-            transfer = self._sdo[number] = _Transfer(at, key, writes, block)
+            transfer = self._sdo[number] = _Transfer(at, self._frame, key, writes, block)
         if transfer is None:
             return
         if command == _ABORT:
-            why = protocol.abort_words(int.from_bytes(data[4:], "little"))
-            self._ended(number, self._sdo.pop(number), "refused", f"refused, {why}")
+            code = int.from_bytes(data[4:], "little")
+            why = f"refused, {protocol.abort_words(code)}"
+            self._ended(number, self._sdo.pop(number), "refused", why, at, abort=code)
             return
         if command == _SEGMENT:
             transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
@@ -667,6 +708,7 @@ class Conversation:
     def _done(self, at: float, number: int, transfer: _Transfer) -> None:
         key, data = transfer.key, transfer.data
         value = decode_value(self._object(number, key).type, data)
+        kept = value if isinstance(value, int) and not transfer.block else None
         if transfer.block:
             value_text = "a block, not decoded"
         elif isinstance(value, str):
@@ -678,21 +720,40 @@ class Conversation:
         else:
             self.values[number][key] = value
             index = axis_of(key[0])[0]
-            if index == STATUS and self._is_drive(number):
+            if self._is_told(number, key):
+                self._note(at, number, key, value)
+            if index == STATUS and self.is_drive(number):
                 self._power(at, number, key, value)
             value_text = self.words(number, key, value)
             if index in protocol.PDOS:
                 if not index & 0x200 and key[1] == 1:
                     self._identified.add((number, index))
                 self._assign(number, index & ~0x200)
-            elif index == _FAULTS and key[1] and value and self.is_akd(number):
+            elif index == FAULTS and key[1] and value and self.is_akd(number):
                 self._node(number).faults.append({"time": at, "text": value_text})
-        self._ended(number, transfer, "writes" if transfer.writes else "reads", value_text)
+        how = "writes" if transfer.writes else "reads"
+        self._ended(number, transfer, how, value_text, at, value=kept)
 
-    def _ended(self, number: int, transfer: _Transfer, how: str, value_text: str) -> None:
-        """Tell a transfer; what is read back as it was just written is part of that."""
+    def _ended(
+        self,
+        number: int,
+        transfer: _Transfer,
+        how: str,
+        value_text: str,
+        at: float | None = None,
+        *,
+        abort: int | None = None,
+        value: int | None = None,
+    ) -> None:
+        """Report a transfer; what is read back as it was just written is part of that."""
         node, what = self._node(number), self.object_name(number, transfer.key)
         node.transfers[how] += 1
+        frames = (transfer.frame,) if at is None else (transfer.frame, self._frame)
+        self.observed.transfers.append(
+            Transfer(
+                transfer.since, at, frames, number, transfer.key, transfer.writes, abort, value
+            )
+        )
         written = f"writes {what} to {node.name}: {value_text}"
         text = written if transfer.writes else f"reads {what} of {node.name}: {value_text}"
         if how == "reads" and self.events and self.events[-1].text == written:
@@ -733,32 +794,52 @@ class Conversation:
         found = next((each for each in sent if self._cob_id(other, each) == cob_id), None)
         return self._assigned(other, found) if found is not None else None
 
+    def label(self, stream: StreamKey) -> str:
+        """What a stream is called."""
+        return f"{stream.name} of {self.called(stream.node)}" if stream.node else stream.name
+
     def _find_gaps(self) -> None:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
-        missing: list[tuple[float, float]] = []
-        for stream in sorted(self._times, key=lambda each: each != "SYNC"):
-            times = np.asarray(self._times[stream])
+        missing: list[Gap] = []
+        for stream in sorted(self.observed.streams, key=lambda each: each.node != BUS):
+            times = np.asarray(self.observed.streams[stream].time)
             if len(times) < _FEW:
                 continue
             pauses = np.diff(times)
             usual, last = float(np.median(pauses)), float(times[-1])
-            gaps = np.flatnonzero(pauses > _LONG * usual)
-            if len(gaps) > _IRREGULAR * len(pauses):
+            long = np.flatnonzero(pauses > _LONG * usual)
+            if len(long) > _IRREGULAR * len(pauses):
                 continue
-            longest = float(pauses[gaps].max(initial=0.0))
-            self.pauses[stream] = {"usual": usual, "gaps": len(gaps), "longest": longest}
-            found = list(zip(times[gaps].tolist(), times[gaps + 1].tolist(), strict=True))
-            if stream == "SYNC":
-                missing = found
-            elif not stream.startswith("heartbeat"):
-                found = [g for g in found if not any(a < g[1] and g[0] < b for a, b in missing)]
-            who = stream.partition(" of ")[2] or HOST
-            often = f"usually every {1e3 * usual:.3g} ms"
-            for begin, end in sorted(found, key=lambda gap: gap[0] - gap[1])[:_MOST]:
-                text = f"no {stream} for {1e3 * (end - begin):.3g} ms ({often})"
-                self._say(begin, who, "gap", text)
+            frames = self.observed.streams[stream].frame
+            gaps = [Gap(float(times[k]), float(times[k + 1]), frames[k]) for k in long]
             if self.duration - last > max(_ENDED * usual, _ENDED_FOR):
-                self._say(last, who, "gap", f"no {stream} from here on ({often})")
+                gaps.append(Gap(last, None, frames[-1]))
+            self.observed.rhythms[stream] = Rhythm(usual, float(pauses.max()), gaps)
+            if stream.node == BUS:
+                missing = gaps
+            elif stream.name != "heartbeat":
+                gaps = [each for each in gaps if not any(_overlap(each, gap) for gap in missing)]
+            self._say_gaps(stream, usual, gaps)
+
+    def _say_gaps(self, stream: StreamKey, usual: float, gaps: list[Gap]) -> None:
+        """Report the longest gaps of a stream."""
+        name, often = self.label(stream), f"usually every {1e3 * usual:.3g} ms"
+        who = self.called(stream.node) if stream.node else HOST
+        lengths = {gap: gap.end - gap.begin for gap in gaps if gap.end is not None}
+        for gap in sorted(lengths, key=lambda each: -lengths[each])[:_MOST]:
+            text = f"no {name} for {1e3 * lengths[gap]:.3g} ms ({often})"
+            self.events.append(TracedEvent(gap.begin, who, "gap", text, gap.frame))
+        for gap in gaps:
+            if gap.end is None:
+                text = f"no {name} from here on ({often})"
+                self.events.append(TracedEvent(gap.begin, who, "gap", text, gap.frame))
+
+
+def _overlap(one: Gap, other: Gap) -> bool:
+    """Whether two gaps that are over lie at the same time."""
+    if one.end is None or other.end is None:
+        return False
+    return one.begin < other.end and other.begin < one.end
 
 
 def decode_value(kind: str, data: bytes) -> int | float | str | bytes:

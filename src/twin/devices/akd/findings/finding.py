@@ -1,0 +1,118 @@
+"""A finding: what is wrong in a trace, as data with a stable code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from typing import Any, NamedTuple
+
+from twin.base.data_file import read_packaged
+from twin.devices.akd.observed import BUS
+
+
+class Severity(StrEnum):
+    """Whether a problem is there at the end of a trace, was over by then, or is only a warning."""
+
+    UNRESOLVED = "unresolved"
+    RECOVERED = "recovered"
+    WARNING = "warning"
+
+
+class Kind(NamedTuple):
+    """What is known of a code without a trace.
+
+    Attributes:
+        rank: Its place among all codes; the first matters most.
+        causes: Its causes, the most likely first.
+        check: What to check, in this order.
+    """
+
+    rank: int
+    causes: tuple[str, ...]
+    check: tuple[str, ...]
+
+
+@cache
+def kinds() -> dict[str, Kind]:
+    """All codes of findings, in their order of rank."""
+    rows = read_packaged("twin.devices.akd.findings", "findings.toml")
+    return {
+        code: Kind(rank, tuple(row["causes"]), tuple(row["check"]))
+        for rank, (code, row) in enumerate(rows.items())
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One problem in a trace.
+
+    Attributes:
+        code: Its stable code, one of ``kinds()``.
+        severity: Whether it was over at the end of the trace.
+        time: When it began, s since the first frame.
+        until: When it was over, s; None if it was not, or did not last.
+        node: The node; ``BUS`` if it belongs to none.
+        axis: The axis of a drive, 1 for the first; None if it belongs to none.
+        text: What it is, in a sentence without the node.
+        motion: What it did to the motion; empty if that is not known.
+        frames: Numbers of the frames that show it.
+        seen: Causes that the trace itself suggests; they come before those of the code.
+    """
+
+    code: str
+    severity: Severity
+    time: float
+    text: str
+    frames: tuple[int, ...]
+    node: int = BUS
+    axis: int | None = None
+    until: float | None = None
+    motion: str = ""
+    seen: tuple[str, ...] = ()
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Its causes, the most likely first."""
+        return (*self.seen, *kinds()[self.code].causes)
+
+    @property
+    def check(self) -> tuple[str, ...]:
+        """What to check, in this order."""
+        return kinds()[self.code].check
+
+    @property
+    def order(self) -> tuple[int, int, float]:
+        """By what findings are ranked: severity, code, time."""
+        return list(Severity).index(self.severity), kinds()[self.code].rank, self.time
+
+    def as_dict(self) -> dict[str, Any]:
+        """The finding for ``--json``; the bus has no node."""
+        return {
+            "code": self.code,
+            "severity": str(self.severity),
+            "time": self.time,
+            "until": self.until,
+            "node": self.node or None,
+            "axis": self.axis,
+            "text": self.text,
+            "motion": self.motion,
+            "causes": list(self.causes),
+            "check": list(self.check),
+            "frames": list(self.frames),
+        }
+
+
+def ended(until: float | None) -> Severity:
+    """The severity of a problem that is over at a time in s, or, without one, is not."""
+    return Severity.UNRESOLVED if until is None else Severity.RECOVERED
+
+
+def plural(count: int, what: str) -> str:
+    """A number of things in words."""
+    return f"{count} {what}" + ("s" if count != 1 else "")
+
+
+def span(seconds: float) -> str:
+    """A time in words."""
+    return f"{1e3 * seconds:.3g} ms" if seconds < 0.1 else f"{seconds:.3g} s"

@@ -1,0 +1,68 @@
+"""What a problem did to the motion: how far an axis moved on, and when it stood."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from twin.devices.akd.decoding import AXIS_OFFSET, PLACE, Conversation
+from twin.devices.akd.findings.finding import span
+
+MAX_COAST_S = 5.0
+"""Time in s after a problem within which the motion belongs to it."""
+STILL_COUNTS = 2
+"""Counts of an encoder that are no motion."""
+STILL_SHARE = 0.02
+"""Share of the way on which an axis counts as standing."""
+
+
+def coasting(said: Conversation, node: int, axis: int, begin: float, end: float) -> str:
+    """How an axis moved on after a problem, in words; empty where no PDO shows its position.
+
+    The plate's encoder is taken where a rig file names it, else the position of the axis.
+
+    Args:
+        said: The trace.
+        node: The drive.
+        axis: Its axis, 1 for the first.
+        begin: When the problem began, s.
+        end: When it was over, s.
+    """
+    plate = said.plate_object(node) if axis == 1 else None
+    own = (PLACE + (axis - 1) * AXIS_OFFSET, 0)
+    for name, key in (("plate", plate), ("axis", own)):
+        series = said.series.get((node, key)) if key else None
+        if series is None or key is None:
+            continue
+        time = np.asarray(series.time)
+        first = max(int(np.searchsorted(time, begin, side="right")) - 1, 0)
+        last = int(np.searchsorted(time, min(begin + MAX_COAST_S, end), side="right"))
+        if last - first < 2:  # nothing is sent after it
+            continue
+        place = np.unwrap(np.asarray(series.counts[first:last], float), period=2.0**32)
+        return _in_words(name, time[first:last] - begin, place - place[0], said.scale(node, key))
+    return ""
+
+
+def _in_words(name: str, time: np.ndarray, moved: np.ndarray, scale: tuple[float, str]) -> str:
+    """A motion in words.
+
+    Args:
+        name: What moved.
+        time: Since the problem, s, shape (K,).
+        moved: Since then, counts, shape (K,).
+        scale: Of a count.
+    """
+    farthest = float(moved[np.abs(moved).argmax()])
+    if abs(farthest) <= STILL_COUNTS:
+        return f"the {name} did not move"
+    moving = np.abs(moved - moved[-1]) > max(STILL_COUNTS, STILL_SHARE * abs(farthest))
+    rest = int(np.flatnonzero(moving)[-1]) + 1 if moving.any() else 0
+    factor, unit = scale
+    way = f"{abs(farthest):.0f} counts"
+    if unit == "rad":
+        way = f"{math.degrees(abs(farthest * factor)):.3g} deg"
+    if rest >= len(time) - 2:
+        return f"the {name} moved on by {way}, and still moved {span(time[-1])} later"
+    return f"the {name} coasted {way}, and stood after {span(max(time[rest], 0.0))}"

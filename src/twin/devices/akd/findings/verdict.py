@@ -1,0 +1,80 @@
+"""The verdict on a trace: all findings, the worst first, and what happened in one line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.findings import drives
+from twin.devices.akd.findings.finding import Finding, Severity, plural
+
+Find = Callable[[Conversation], Iterator[Finding]]
+FINDERS: tuple[Find, ...] = (drives.find_faults,)
+"""All families of findings."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is wrong in a trace.
+
+    Attributes:
+        findings: The problems, the worst first.
+        headline: What happened, in one line.
+        counts: How many problems there are of each severity.
+    """
+
+    findings: tuple[Finding, ...]
+    headline: str
+    counts: dict[Severity, int]
+
+    @property
+    def worst(self) -> Severity | None:
+        """The worst severity; None if nothing is wrong."""
+        return self.findings[0].severity if self.findings else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The verdict for ``--json``."""
+        counts = {str(severity): count for severity, count in self.counts.items()}
+        return {
+            "verdict": {"headline": self.headline, **counts},
+            "findings": [each.as_dict() for each in self.findings],
+        }
+
+
+def assess(said: Conversation) -> Verdict:
+    """The verdict on a trace."""
+    findings = sorted(
+        (each for find in FINDERS for each in find(said)), key=lambda each: each.order
+    )
+    found = Counter(each.severity for each in findings)
+    counts = {severity: found[severity] for severity in Severity}
+    return Verdict(tuple(findings), _headline(said, findings, counts), counts)
+
+
+def where(said: Conversation, finding: Finding) -> str:
+    """Node and axis of a finding, in words."""
+    if not finding.node:
+        return "bus"
+    axis = f", axis {finding.axis}" if finding.axis and said.has_axes(finding.node) else ""
+    return said.called(finding.node) + axis
+
+
+def _headline(said: Conversation, findings: list[Finding], counts: dict[Severity, int]) -> str:
+    """What happened, in one line: the worst finding, and how many others there are."""
+    if not findings:
+        return f"nothing wrong: {_checked(said)}"
+    first = findings[0]
+    line = f"{first.severity}: {where(said, first)} at {first.time:.3f} s: {first.text}"
+    line += f"; {first.motion}" if first.motion else ""
+    others = dict(counts)
+    others[first.severity] -= 1
+    more = [f"{count} {severity}" for severity, count in others.items() if count]
+    return line + (f" (and {', '.join(more)})" if more else "")
+
+
+def _checked(said: Conversation) -> str:
+    """What was checked, in one line."""
+    return f"{plural(len(said.nodes), 'node')} in {said.duration:.3f} s"
