@@ -71,6 +71,8 @@ _SIZED, _EXPEDITED = 1, 2
 """Bits of the specifier that begins a transfer: its size is stated; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
 _UNANSWERED = "unanswered", "no answer"
+_SHORT_S = 0.1
+"""Time in s below which one is given in ms."""
 HOST = "host"
 """Who sends what only a master sends."""
 
@@ -271,6 +273,8 @@ class Conversation:
         """Error frames by what they say."""
         self.observed = Observed()
         """What the frames show, as data."""
+        self.timed = timed
+        """Whether the frames have times, or their numbers instead."""
         self._names = names or Names()
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
         self._frame = 0
@@ -350,6 +354,12 @@ class Conversation:
         """What a node is called."""
         axis = self._axes.get(node)
         return f"node {node}" + (f" ({axis.name})" if axis else "")
+
+    def span(self, seconds: float) -> str:
+        """A time in words; without times, the frames that have their place."""
+        if not self.timed:
+            return f"{seconds:.0f} frames"
+        return f"{1e3 * seconds:.3g} ms" if seconds < _SHORT_S else f"{seconds:.3g} s"
 
     def plate_object(self, node: int) -> Key | None:
         """The object of the plate's encoder in a node; None if no rig file names it."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import AXIS_OFFSET, CONTROL, ERROR_CODE, FAULTS, STATUS, Conversation
-from twin.devices.akd.findings.finding import Finding, ended, plural, span
+from twin.devices.akd.findings.finding import Finding, causes_of_error, ended, plural
 from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.observed import Change
 from twin.devices.akd.protocol import DriveState
@@ -100,8 +100,11 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
     worked = [each for each in resets if until is not None and until - each.time < RESET_S][-1:]
     failed = [each for each in resets if each not in worked and each.time + RESET_S < end]
     reported = list(_reports(said, axis, first.begin, end))
-    words = "; ".join(dict.fromkeys(text for text, _ in reported)) or "no cause reported"
-    lasted = span(end - first.begin)
+    texts = list(dict.fromkeys(each.text for each in reported))
+    texts = [each for each in texts if not any(each in other for other in texts if other != each)]
+    words = "; ".join(texts) or "no cause reported"
+    code = next((each.code for each in reported if each.code), 0)
+    lasted = said.span(end - first.begin)
     known = "in fault" if first is not axis.spans[0] else "already in fault when first seen"
     if until is None:
         how = f"{known} to the end of the trace, for {lasted}"
@@ -110,7 +113,7 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
         how = (
             f"{known} for {lasted}, then {'reset' if worked else 'left without a reset of its own'}"
         )
-    frames = (first.frame, *(frame for _, frame in reported), *(each.frame for each in resets))
+    frames = (first.frame, *(each.frame for each in reported), *(each.frame for each in resets))
     yield Finding(
         code="drive-fault",
         severity=ended(until),
@@ -121,8 +124,9 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
         text=f"{how}: {words}",
         motion=coasting(said, axis.node, axis.number, first.begin, end),
         frames=tuple(sorted(set(frames))),
+        seen=causes_of_error(code),
     )
-    if failed:
+    if failed and said.timed:
         yield Finding(
             code="reset-failed",
             severity=ended(until),
@@ -140,19 +144,27 @@ def _rising(changes: Sequence[Change], bit: int) -> list[Change]:
     return [now for before, now in pairwise(changes) if now.value & bit and not before.value & bit]
 
 
-def _reports(said: Conversation, axis: Axis, begin: float, end: float) -> Iterator[tuple[str, int]]:
-    """What a drive reports of a fault, in words, and in which frame."""
+class Report(NamedTuple):
+    """What a drive reports of a fault, in words; its error code, 0 for none; and the frame."""
+
+    text: str
+    code: int
+    frame: int
+
+
+def _reports(said: Conversation, axis: Axis, begin: float, end: float) -> Iterator[Report]:
+    """What a drive reports of a fault between two times in s."""
     soon, late = begin - REPORT_BEFORE_S, min(begin + REPORT_AFTER_S, end)
     for each in said.observed.emergencies:
         if each.node == axis.node and each.code and soon <= each.time <= late:
-            yield each.words, each.frame
+            yield Report(each.words, each.code, each.frame)
     key = ERROR_CODE + (axis.number - 1) * AXIS_OFFSET, 0
     for code in said.observed.changes.get((axis.node, key), ()):
         if code.value and soon <= code.time <= end:
-            yield said.words(axis.node, key, code.value), code.frame
+            yield Report(said.words(axis.node, key, code.value), code.value, code.frame)
     for transfer in said.observed.transfers:
         read = transfer.good and not transfer.writes and transfer.key[0] == FAULTS
         if read and transfer.node == axis.node and soon <= transfer.begin <= end:
             number = transfer.value if transfer.key[1] and said.is_akd(axis.node) else None
             if number:
-                yield protocol.fault_words([number]), transfer.frames[-1]
+                yield Report(protocol.fault_words([number]), 0, transfer.frames[-1])

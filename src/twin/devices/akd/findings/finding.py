@@ -36,11 +36,27 @@ class Kind(NamedTuple):
 @cache
 def kinds() -> dict[str, Kind]:
     """All codes of findings, in their order of rank."""
-    rows = read_packaged("twin.devices.akd.findings", "findings.toml")
     return {
         code: Kind(rank, tuple(row["causes"]), tuple(row["check"]))
-        for rank, (code, row) in enumerate(rows.items())
+        for rank, (code, row) in enumerate(_table()["codes"].items())
     }
+
+
+@cache
+def _table() -> dict[str, Any]:
+    return read_packaged("twin.devices.akd.findings", "findings.toml")
+
+
+def causes_of_error(code: int) -> tuple[str, ...]:
+    """The likely causes of an error code of CiA 402, by its class; empty if there are none.
+
+    Args:
+        code: As in an emergency, or in 603Fh.
+    """
+    known = _table()["error_causes"]
+    digits = f"{code:04X}"
+    found = (known.get(digits[:length]) for length in (4, 3, 2, 1))
+    return tuple(next((each for each in found if each), ()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +73,7 @@ class Finding:
         text: What it is, in a sentence without the node.
         motion: What it did to the motion; empty if that is not known.
         frames: Numbers of the frames that show it.
-        seen: Causes that the trace itself suggests; they come before those of the code.
+        seen: Causes that the trace itself suggests, instead of those of the code.
     """
 
     code: str
@@ -74,7 +90,7 @@ class Finding:
     @property
     def causes(self) -> tuple[str, ...]:
         """Its causes, the most likely first."""
-        return (*self.seen, *kinds()[self.code].causes)
+        return self.seen or kinds()[self.code].causes
 
     @property
     def check(self) -> tuple[str, ...]:
@@ -111,8 +127,3 @@ def ended(until: float | None) -> Severity:
 def plural(count: int, what: str) -> str:
     """A number of things in words."""
     return f"{count} {what}" + ("s" if count != 1 else "")
-
-
-def span(seconds: float) -> str:
-    """A time in words."""
-    return f"{1e3 * seconds:.3g} ms" if seconds < 0.1 else f"{seconds:.3g} s"

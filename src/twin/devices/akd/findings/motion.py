@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from twin.devices.akd.decoding import AXIS_OFFSET, PLACE, Conversation
-from twin.devices.akd.findings.finding import span
 
 MAX_COAST_S = 5.0
 """Time in s after a problem within which the motion belongs to it."""
@@ -36,33 +35,24 @@ def coasting(said: Conversation, node: int, axis: int, begin: float, end: float)
         if series is None or key is None:
             continue
         time = np.asarray(series.time)
-        first = max(int(np.searchsorted(time, begin, side="right")) - 1, 0)
+        first = max(int(np.searchsorted(time, begin)) - 1, 0)
         last = int(np.searchsorted(time, min(begin + MAX_COAST_S, end), side="right"))
         if last - first < 2:  # nothing is sent after it
             continue
         place = np.unwrap(np.asarray(series.counts[first:last], float), period=2.0**32)
-        return _in_words(name, time[first:last] - begin, place - place[0], said.scale(node, key))
+        moved, passed = place - place[0], time[first:last] - begin
+        farthest = float(moved[np.abs(moved).argmax()])
+        if abs(farthest) <= STILL_COUNTS:
+            return f"the {name} did not move"
+        factor, unit = said.scale(node, key)
+        way = f"{abs(farthest):.0f} counts"
+        if unit == "rad":
+            way = f"{math.degrees(abs(farthest * factor)):.3g} deg"
+        moving = np.abs(moved - moved[-1]) > max(STILL_COUNTS, STILL_SHARE * abs(farthest))
+        rest = int(np.flatnonzero(moving)[-1]) + 1 if moving.any() else 0
+        if rest >= len(moved) - 2:
+            still = said.span(float(passed[-1]))
+            return f"the {name} moved on by {way}, and still moved {still} later"
+        stood = said.span(max(float(passed[rest]), 0.0))
+        return f"the {name} coasted {way}, and stood after {stood}"
     return ""
-
-
-def _in_words(name: str, time: np.ndarray, moved: np.ndarray, scale: tuple[float, str]) -> str:
-    """A motion in words.
-
-    Args:
-        name: What moved.
-        time: Since the problem, s, shape (K,).
-        moved: Since then, counts, shape (K,).
-        scale: Of a count.
-    """
-    farthest = float(moved[np.abs(moved).argmax()])
-    if abs(farthest) <= STILL_COUNTS:
-        return f"the {name} did not move"
-    moving = np.abs(moved - moved[-1]) > max(STILL_COUNTS, STILL_SHARE * abs(farthest))
-    rest = int(np.flatnonzero(moving)[-1]) + 1 if moving.any() else 0
-    factor, unit = scale
-    way = f"{abs(farthest):.0f} counts"
-    if unit == "rad":
-        way = f"{math.degrees(abs(farthest * factor)):.3g} deg"
-    if rest >= len(time) - 2:
-        return f"the {name} moved on by {way}, and still moved {span(time[-1])} later"
-    return f"the {name} coasted {way}, and stood after {span(max(time[rest], 0.0))}"

@@ -23,11 +23,13 @@ class Verdict:
     Attributes:
         findings: The problems, the worst first.
         headline: What happened, in one line.
+        places: Node and axis of each of them, in words.
         counts: How many problems there are of each severity.
     """
 
     findings: tuple[Finding, ...]
     headline: str
+    places: tuple[str, ...]
     counts: dict[Severity, int]
 
     @property
@@ -51,7 +53,8 @@ def assess(said: Conversation) -> Verdict:
     )
     found = Counter(each.severity for each in findings)
     counts = {severity: found[severity] for severity in Severity}
-    return Verdict(tuple(findings), _headline(said, findings, counts), counts)
+    places = tuple(where(said, each) for each in findings)
+    return Verdict(tuple(findings), _headline(said, findings, counts), places, counts)
 
 
 def where(said: Conversation, finding: Finding) -> str:
@@ -67,7 +70,8 @@ def _headline(said: Conversation, findings: list[Finding], counts: dict[Severity
     if not findings:
         return f"nothing wrong: {_checked(said)}"
     first = findings[0]
-    line = f"{first.severity}: {where(said, first)} at {first.time:.3f} s: {first.text}"
+    when = f"at {first.time:.3f} s" if said.timed else f"in frame {first.time:.0f}"
+    line = f"{first.severity}: {where(said, first)} {when}: {first.text}"
     line += f"; {first.motion}" if first.motion else ""
     others = dict(counts)
     others[first.severity] -= 1
@@ -77,4 +81,4 @@ def _headline(said: Conversation, findings: list[Finding], counts: dict[Severity
 
 def _checked(said: Conversation) -> str:
     """What was checked, in one line."""
-    return f"{plural(len(said.nodes), 'node')} in {said.duration:.3f} s"
+    return f"{plural(len(said.nodes), 'node')} for {said.span(said.duration)}"
