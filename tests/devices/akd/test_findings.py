@@ -4,8 +4,10 @@ What is wrong in a trace is found where it is, and nowhere else: frames by CiA 3
 
 import json
 import math
+import re
 import struct
 from contextlib import closing
+from pathlib import Path
 
 import can
 import pytest
@@ -81,6 +83,14 @@ def test_every_code_has_causes_and_a_first_check():
         assert kind.check, code
 
 
+PAGE = Path(__file__).parents[3] / "docs" / "can-trace.md"
+
+
+def test_the_page_has_a_row_for_every_code():
+    rows = re.findall(r"^\| `([a-z-]+)` \| .+ \| .+ \|$", PAGE.read_text(), re.MULTILINE)
+    assert sorted(rows) == sorted(kinds())
+
+
 BLOCKED = frame(1.0, 0x085, "2171010200000000")
 
 
@@ -135,13 +145,143 @@ def test_a_fault_says_how_far_the_plate_coasted_by_the_scale_of_the_rig():
     full = [frame(each.timestamp, 0x185, f"{each.data.hex()}03{'00' * 4}") for each in heard
             if each.arbitration_id == 0x185]  # fmt: skip
     its = one("drive-fault", *short, *full, rig=AkdConfig(axes=(phi, theta)))
-    assert its.motion == "the plate coasted 3.1 deg, and stood after 0.18 s"
+    assert its.motion == "the plate coasted 3.1 deg, and stood after 180 ms"
 
 
 def test_the_headline_is_the_worst_finding_and_counts_the_others():
     headline = assessed(*STUCK).headline
     assert headline.startswith("unresolved: node 5 at 1.000 s: in fault to the end of the trace")
     assert headline.endswith("(and 1 unresolved)")
+
+
+BEATS = every(0.1, 0.0, 6.0, 0x705, "05")
+"""Heartbeats of node 5, operational, for 6 s."""
+
+
+def without(frames, begin, end=math.inf):
+    return [each for each in frames if not begin < each.timestamp < end]
+
+
+def test_a_node_that_is_addressed_and_never_sends_is_silent():
+    asked = frame(0.5, 0x604, "4000100000000000")
+    its = one("node-silent", *BEATS, asked)
+    assert (its.node, its.severity, its.time) == (4, Severity.UNRESOLVED, 0.5)
+    assert found(*BEATS, frame(5.88, 0x604, "4000100000000000")) == []  # no time to answer
+    assert found(*BEATS, asked, frame(0.6, 0x584, "4f00100000000000")) == []
+
+
+def test_a_scan_for_nodes_is_no_problem_of_each_of_them():
+    scan = [frame(0.01 * node, 0x600 + node, "4000100000000000") for node in range(10, 60)]
+    (its,) = assessed(*BEATS, *scan).findings
+    assert (its.code, its.severity) == ("node-silent", Severity.WARNING)
+    assert "no answer of 50 nodes" in its.text
+
+
+def test_a_node_of_which_nothing_comes_is_lost_for_that_time():
+    rest = every(0.1, 0.05, 6.0, 0x706, "05")
+    (its,) = assessed(*without(BEATS, 2.0, 3.0), *rest).findings
+    assert (its.code, its.severity, its.node) == ("node-lost", Severity.RECOVERED, 5)
+    assert (its.time, its.until) == (pytest.approx(2.0), pytest.approx(3.0))
+    (its,) = assessed(*without(BEATS, 3.0), *rest).findings
+    assert (its.code, its.severity, its.until) == ("node-lost", Severity.UNRESOLVED, None)
+    assert (
+        its.text == "no frame to the end of the trace, for 2.95 s (heartbeat usually every 100 ms)"
+    )
+
+
+def test_heartbeats_are_lost_while_the_node_sends_something_else():
+    pdos = every(0.05, 0.025, 6.0, 0x185, ENABLED)
+    its = one("heartbeat-lost", *without(without(BEATS, 2.0, 3.0), 4.0, 4.5), *pdos)
+    assert its.severity is Severity.RECOVERED
+    assert its.text.startswith("no heartbeat 2 times, at worst for 1 s (usually every 100 ms)")
+    assert len(its.frames) == 2
+    assert one("heartbeat-lost", *without(BEATS, 5.0), *pdos).severity is Severity.UNRESOLVED
+    assert found(*BEATS, *pdos) == []
+
+
+def test_who_watches_a_heartbeat_is_named_if_it_allows_less():
+    watch = every(0.1, 0.05, 6.0, 0x706, "05")
+    watch += [frame(0.01, 0x606, "23161001c8000500"), frame(0.02, 0x586, "6016100100000000")]
+    watch += [frame(0.03, 0x606, "4016100100000000"), frame(0.04, 0x586, "43161001c8000500")]
+    pdos = every(0.05, 0.025, 6.0, 0x185, ENABLED)
+    text = one("heartbeat-lost", *without(BEATS, 2.0, 3.0), *pdos, *watch).text
+    assert text.endswith("; node 6 allows 200 ms")
+
+
+def test_a_heartbeat_that_is_late_once_is_a_warning():
+    pdos = every(0.05, 0.025, 6.0, 0x185, ENABLED)
+    its = one("heartbeat-late", *without(BEATS, 2.0, 2.15), *pdos)
+    assert its.severity is Severity.WARNING
+    assert its.text == "no heartbeat for 0.2 s (usually every 100 ms)"
+
+
+def test_all_devices_lost_at_once_are_a_loss_of_the_bus():
+    both = [*BEATS, *every(0.1, 0.02, 6.0, 0x706, "05")]
+    both += [frame(0.03, 0x585, "4f00100000000000"), frame(0.04, 0x586, "4f00100000000000")]
+    host = every(0.1, 0.05, 6.0, 0x77F, "05")
+    (its,) = assessed(*without(both, 3.0), *host).findings
+    assert (its.code, its.node) == ("bus-lost", 0)
+    assert "no frame of node 5 and node 6 to the end" in its.text
+
+
+def test_a_boot_up_in_the_middle_is_found_unless_it_was_commanded():
+    boot = [*without(BEATS, 2.0, 2.3), frame(2.2, 0x705, "00")]
+    (its,) = assessed(*boot).findings
+    assert (its.code, its.severity) == ("boot-up", Severity.RECOVERED)
+    assert its.text == "booted without a command, was operational, and again after 100 ms"
+    gone = [*without(BEATS, 2.0), frame(2.2, 0x705, "00"), *every(0.1, 2.3, 6.0, 0x705, "7f")]
+    (its,) = assessed(*gone).findings
+    assert (its.code, its.severity) == ("boot-up", Severity.UNRESOLVED)
+    reset = frame(2.1, 0x000, "8105")
+    assert found(*boot, reset) == []
+    assert found(frame(-0.1, 0x705, "00"), *BEATS) == []  # the first frame of a node
+
+
+def test_a_node_that_leaves_operational_without_a_command_is_found():
+    left = [*without(BEATS, 1.95), *every(0.1, 2.0, 6.0, 0x705, "7f")]
+    (its,) = assessed(*left).findings
+    assert (its.code, its.severity, its.time) == ("nmt-left", Severity.UNRESOLVED, 2.0)
+    assert found(*left, frame(1.97, 0x000, "8005")) == []
+    back = [*without(BEATS, 1.95, 2.95), *every(0.1, 2.0, 3.0, 0x705, "7f")]
+    assert one("nmt-left", *back).until == pytest.approx(3.0)
+
+
+def test_a_start_without_effect_is_found():
+    waits = every(0.1, 0.0, 6.0, 0x705, "7f")
+    start = frame(1.0, 0x000, "0105")
+    (its,) = assessed(*waits, start).findings
+    assert (its.code, its.severity) == ("nmt-ignored", Severity.UNRESOLVED)
+    assert its.text == "did not follow the start, is pre-operational"
+    obeys = [*without(waits, 1.05), *every(0.1, 1.1, 6.0, 0x705, "05")]
+    assert found(*obeys, start) == []
+    assert found(*waits, frame(1.0, 0x000, "0106")) == ["node-silent"]
+
+
+def test_sync_is_late_or_lost():
+    sync = every(0.01, 0.0, 3.0, 0x080)
+    its = one("sync-late", *without(sync, 1.0, 1.03), *BEATS)
+    assert (its.severity, its.time) == (Severity.WARNING, pytest.approx(1.0))
+    assert its.text == "SYNC late 1 time, after 30 ms at worst (usually every 10 ms)"
+    its = one("sync-lost", *without(sync, 1.0, 1.5), *BEATS)
+    assert (its.severity, its.until) == (Severity.RECOVERED, pytest.approx(1.5))
+    assert found(*sync, *BEATS) == []  # it ends while no drive has torque
+
+
+def test_sync_that_ends_while_a_drive_has_torque_is_unresolved():
+    frames = drive((0, ENABLED), end=2.0, control=[(0, "0f00")])
+    its = one("sync-lost", *frames, *BEATS)
+    assert its.severity is Severity.UNRESOLVED
+    assert its.text.endswith("while a drive has torque")
+    off = drive((0, ENABLED), (1.9, OFF), end=2.0, control=[(0, "0f00"), (1.89, "0000")])
+    assert "sync-lost" not in found(*off, *BEATS)
+
+
+def test_a_pause_of_everybody_is_one_finding():
+    everything = sorted([*every(0.01, 0.0, 6.0, 0x080), *BEATS], key=lambda each: each.timestamp)
+    (its,) = assessed(*without(everything, 2.0, 5.0)).findings
+    assert (its.code, its.severity) == ("trace-gap", Severity.WARNING)
+    assert (its.time, its.until) == (pytest.approx(2.0), pytest.approx(5.0))
+    assert found(*everything, timed=False) == []
 
 
 @pytest.mark.parametrize(("status", "code"), [(FAULT, 1), (ENABLED, 0)])

@@ -63,7 +63,7 @@ _LONG = 1.6
 """Times the usual pause from which one is a gap."""
 _FEW, _MOST = 10, 20
 """Fewest frames in which a rhythm is seen; most gaps of one kind that are reported, the longest."""
-_ENDED, _ENDED_FOR = 5, 0.05
+_ENDED, _ENDED_FOR = 3, 0.05
 """Times the usual pause, and s, from which something has ended before the trace does."""
 _SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 0, 1, 2, 4, 5, 6
 """Command specifiers of SDO: reading is an upload, writing a download."""
@@ -71,7 +71,7 @@ _SIZED, _EXPEDITED = 1, 2
 """Bits of the specifier that begins a transfer: its size is stated; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
 _UNANSWERED = "unanswered", "no answer"
-_SHORT_S = 0.1
+_SHORT_S = 0.2
 """Time in s below which one is given in ms."""
 HOST = "host"
 """Who sends what only a master sends."""
@@ -513,6 +513,7 @@ class Conversation:
 
     def _take(self, message: can.Message, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
+        self.observed.times.append(at)
         if message.is_error_frame:
             what = _error_words(identifier, data)
             self.errors[what] += 1

@@ -58,6 +58,11 @@ class Rhythm(NamedTuple):
     worst: float
     gaps: list[Gap]
 
+    def long(self, pauses: float) -> list[Gap]:
+        """Its gaps of more than so many usual pauses, and its end before that of the trace."""
+        limit = pauses * self.usual
+        return [each for each in self.gaps if each.end is None or each.end - each.begin > limit]
+
     def summary(self) -> dict[str, float]:
         """Usual and worst pause, the number of gaps that ended, and the longest of these (s)."""
         lengths = [gap.end - gap.begin for gap in self.gaps if gap.end is not None]
@@ -140,6 +145,7 @@ class Observed:
     """What the frames of a trace show, as data.
 
     Attributes:
+        times: Times of all frames, s.
         streams: When SYNC, heartbeats and PDOs came.
         rhythms: Those of them that came regularly.
         sent_by: All frames of a node, by its number.
@@ -151,6 +157,7 @@ class Observed:
         error_frames: Error frames.
     """
 
+    times: array[float] = field(default_factory=lambda: array("d"))
     streams: defaultdict[StreamKey, Stream] = field(
         default_factory=lambda: defaultdict(empty_stream)
     )

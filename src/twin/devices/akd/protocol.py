@@ -242,6 +242,9 @@ START, PRE_OPERATIONAL = 1, 128
 OPERATIONAL = 5
 """NMT state in a heartbeat; 0 is a boot-up."""
 
+CONSUMER_HEARTBEAT = 0x1016
+"""Index of whose heartbeats a node watches: bits 16 to 22 the node, bits 0 to 15 the time in ms."""
+
 
 def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:
     """What the PDOs of a drive carry, by the index of their parameters.

@@ -82,7 +82,7 @@ def axes(said: Conversation) -> list[Axis]:
     return found
 
 
-def find_faults(said: Conversation) -> Iterator[Finding]:
+def find_faults(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Drives in fault, and resets without effect."""
     for axis in axes(said):
         for k, first in enumerate(axis.spans):
@@ -168,3 +168,9 @@ def _reports(said: Conversation, axis: Axis, begin: float, end: float) -> Iterat
             number = transfer.value if transfer.key[1] and said.is_akd(axis.node) else None
             if number:
                 yield Report(protocol.fault_words([number]), 0, transfer.frames[-1])
+
+
+def has_torque(said: Conversation, time: float) -> bool:
+    """Whether a drive is enabled at a time in s."""
+    spans = (axis.span_at(time) for axis in axes(said))
+    return any(each is not None and each.state is DriveState.OPERATION_ENABLED for each in spans)

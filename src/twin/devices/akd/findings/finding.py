@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -23,22 +25,22 @@ class Kind(NamedTuple):
     """What is known of a code without a trace.
 
     Attributes:
-        rank: Its place among all codes; the first matters most.
+        tier: 1 where a node, a drive or the bus fails, 2 where something else does.
         causes: Its causes, the most likely first.
         check: What to check, in this order.
     """
 
-    rank: int
+    tier: int
     causes: tuple[str, ...]
     check: tuple[str, ...]
 
 
 @cache
 def kinds() -> dict[str, Kind]:
-    """All codes of findings, in their order of rank."""
+    """All codes of findings."""
     return {
-        code: Kind(rank, tuple(row["causes"]), tuple(row["check"]))
-        for rank, (code, row) in enumerate(_table()["codes"].items())
+        code: Kind(row["tier"], tuple(row["causes"]), tuple(row["check"]))
+        for code, row in _table()["codes"].items()
     }
 
 
@@ -99,8 +101,8 @@ class Finding:
 
     @property
     def order(self) -> tuple[int, int, float]:
-        """By what findings are ranked: severity, code, time."""
-        return list(Severity).index(self.severity), kinds()[self.code].rank, self.time
+        """By what findings are ranked: severity, tier, time."""
+        return list(Severity).index(self.severity), kinds()[self.code].tier, self.time
 
     def as_dict(self) -> dict[str, Any]:
         """The finding for ``--json``; the bus has no node."""
@@ -127,3 +129,24 @@ def ended(until: float | None) -> Severity:
 def plural(count: int, what: str) -> str:
     """A number of things in words."""
     return f"{count} {what}" + ("s" if count != 1 else "")
+
+
+KNOWN_BEFORE_S = 0.05
+"""Time in s by which a consequence may be seen before its cause."""
+
+
+def is_explained(known: Sequence[Finding], codes: Collection[str], node: int, time: float) -> bool:
+    """Whether a problem follows from one that was found before: of its node, or of the bus.
+
+    Args:
+        known: What was found before.
+        codes: Those of which the problem is a consequence.
+        node: Where the problem is.
+        time: When it began, s.
+    """
+    return any(
+        each.code in codes
+        and each.node in (node, BUS)
+        and each.time - KNOWN_BEFORE_S <= time <= (math.inf if each.until is None else each.until)
+        for each in known
+    )

@@ -10,6 +10,10 @@ from twin.devices.akd.decoding import AXIS_OFFSET, PLACE, Conversation
 
 MAX_COAST_S = 5.0
 """Time in s after a problem within which the motion belongs to it."""
+MAX_SAMPLE_AGE_S = 0.1
+"""Age in s of a position that an axis still has when a problem begins."""
+AT_ONCE_S = 0.005
+"""Time in s within which an axis stands at once."""
 STILL_COUNTS = 2
 """Counts of an encoder that are no motion."""
 STILL_SHARE = 0.02
@@ -35,7 +39,8 @@ def coasting(said: Conversation, node: int, axis: int, begin: float, end: float)
         if series is None or key is None:
             continue
         time = np.asarray(series.time)
-        first = max(int(np.searchsorted(time, begin)) - 1, 0)
+        first = max(int(np.searchsorted(time, begin - MAX_SAMPLE_AGE_S)), 0)
+        first = max(int(np.searchsorted(time, begin)) - 1, first)
         last = int(np.searchsorted(time, min(begin + MAX_COAST_S, end), side="right"))
         if last - first < 2:  # nothing is sent after it
             continue
@@ -53,6 +58,7 @@ def coasting(said: Conversation, node: int, axis: int, begin: float, end: float)
         if rest >= len(moved) - 2:
             still = said.span(float(passed[-1]))
             return f"the {name} moved on by {way}, and still moved {still} later"
-        stood = said.span(max(float(passed[rest]), 0.0))
-        return f"the {name} coasted {way}, and stood after {stood}"
+        stood = float(passed[rest])
+        when = "at once" if stood < AT_ONCE_S else f"after {said.span(stood)}"
+        return f"the {name} coasted {way}, and stood {when}"
     return ""

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.findings import drives
+from twin.devices.akd.findings import drives, network
 from twin.devices.akd.findings.finding import Finding, Severity, plural
 
-Find = Callable[[Conversation], Iterator[Finding]]
-FINDERS: tuple[Find, ...] = (drives.find_faults,)
-"""All families of findings."""
+Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]
+"""Finds one family of problems; is given those that were found before, which may explain them."""
+FINDERS: tuple[Find, ...] = (
+    drives.find_faults,
+    network.find_pauses_of_the_bus,
+    network.find_silent_nodes,
+    network.find_boot_ups,
+    network.find_lost_nodes,
+    network.find_wrong_network_states,
+    network.find_late_sync,
+)
+"""All families of findings, causes before consequences."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +57,10 @@ class Verdict:
 
 def assess(said: Conversation) -> Verdict:
     """The verdict on a trace."""
-    findings = sorted(
-        (each for find in FINDERS for each in find(said)), key=lambda each: each.order
-    )
+    findings = list[Finding]()
+    for find in FINDERS:
+        findings += find(said, findings)
+    findings.sort(key=lambda each: each.order)
     found = Counter(each.severity for each in findings)
     counts = {severity: found[severity] for severity in Severity}
     places = tuple(where(said, each) for each in findings)
