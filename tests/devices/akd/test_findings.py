@@ -225,10 +225,13 @@ def test_all_devices_lost_at_once_are_a_loss_of_the_bus():
 
 
 def test_a_boot_up_in_the_middle_is_found_unless_it_was_commanded():
-    boot = [*without(BEATS, 2.0, 2.3), frame(2.2, 0x705, "00")]
+    boot = [*without(BEATS, 2.0, 2.25), frame(2.15, 0x705, "00")]
     (its,) = assessed(*boot).findings
     assert (its.code, its.severity) == ("boot-up", Severity.RECOVERED)
-    assert its.text == "booted without a command, was operational, and again after 100 ms"
+    assert its.text == (
+        "booted without a command, 150 ms after its last frame; was operational, "
+        "and again after 150 ms"
+    )
     gone = [*without(BEATS, 2.0), frame(2.2, 0x705, "00"), *every(0.1, 2.3, 6.0, 0x705, "7f")]
     (its,) = assessed(*gone).findings
     assert (its.code, its.severity) == ("boot-up", Severity.UNRESOLVED)
@@ -282,6 +285,86 @@ def test_a_pause_of_everybody_is_one_finding():
     assert (its.code, its.severity) == ("trace-gap", Severity.WARNING)
     assert (its.time, its.until) == (pytest.approx(2.0), pytest.approx(5.0))
     assert found(*everything, timed=False) == []
+
+
+CYCLES = drive((0, ENABLED), (2.99, OFF), end=3.0, control=[(0, "0f00"), (2.99, "0000")])
+"""SYNC every 10 ms, with each the status word and the control word, for 3 s."""
+
+
+def pdos(*but, shift=0.0):
+    """These frames with the status words of some SYNCs (their numbers) left out or moved."""
+    kept = []
+    for each in CYCLES:
+        k = round((each.timestamp - 0.0005) / 0.01)
+        if each.arbitration_id != 0x185 or k not in but:
+            kept.append(each)
+        elif shift:
+            kept.append(frame(each.timestamp + shift, 0x185, each.data.hex()))
+    return kept
+
+
+def test_a_pdo_that_is_missing_for_its_sync_is_a_warning_several_in_a_row_a_failure():
+    assert found(*pdos()) == []
+    (its,) = assessed(*pdos(100)).findings
+    assert (its.code, its.severity, its.node) == ("pdo-missing", Severity.WARNING, 5)
+    assert its.text == "TPDO1: missing for 1 of 300 SYNCs"
+    assert its.time == pytest.approx(1.0)
+    (its,) = assessed(*pdos(100, 101, 102, 200)).findings
+    assert its.severity is Severity.RECOVERED
+    assert its.text == "TPDO1: missing for 4 of 300 SYNCs, at worst for 3 in a row"
+
+
+def test_a_pdo_after_the_next_sync_is_late_and_not_missing():
+    (its,) = assessed(*pdos(100, shift=0.0098)).findings
+    assert (its.code, its.severity) == ("pdo-late", Severity.WARNING)
+    heard = sorted(pdos(100, shift=0.0098), key=lambda each: each.timestamp)
+    assert [heard[each - 1].arbitration_id for each in its.frames] == [0x185]
+    assert found(*pdos(100, shift=0.008)) == []  # before the next SYNC
+
+
+def test_a_pdo_that_ends_is_unresolved_unless_it_was_stopped():
+    gone = pdos(*range(200, 300))
+    its = one("pdo-missing", *gone, *every(0.1, 0, 3, 0x705, "05"))
+    assert its.severity is Severity.UNRESOLVED
+    assert its.text == "TPDO1: none to the end of the trace, for 1 s"
+    stop = frame(1.995, 0x000, "8005")
+    assert "pdo-missing" not in found(*gone, stop, *every(0.1, 0, 3, 0x705, "05"))
+
+
+def test_a_pdo_that_comes_twice_has_two_senders():
+    again = [frame(each.timestamp + 0.003, 0x185, each.data.hex()) for each in CYCLES
+             if each.arbitration_id == 0x185 and 1 < each.timestamp < 1.1]  # fmt: skip
+    (its,) = assessed(*CYCLES, *again).findings
+    assert (its.code, its.severity) == ("pdo-twice", Severity.UNRESOLVED)
+    assert its.text == "TPDO1: twice for 10 of 300 SYNCs"
+
+
+def test_a_pdo_that_needs_no_sync_is_missing_by_its_own_rhythm():
+    words = every(0.05, 0.0, 6.0, 0x185, OFF)
+    beats = every(0.1, 0.02, 6.0, 0x705, "05")
+    assert found(*words, *beats) == []
+    its = one("pdo-missing", *without(words, 2.0, 2.5), *beats)
+    assert its.text == "TPDO1: none 1 time, for 0.5 s at worst (usually every 50 ms)"
+
+
+def test_a_pdo_of_another_length_is_found_where_the_others_fit():
+    (its,) = assessed(*pdos(100), frame(1.0005, 0x185, "3702ff")).findings
+    assert (its.code, its.severity) == ("pdo-length", Severity.RECOVERED)
+    assert its.time == pytest.approx(1.0005)
+    long = [frame(0.01 * k, 0x185, "3702ff") for k in range(20)]
+    assert "pdo-length" not in found(*long)
+
+
+def test_what_several_pdos_of_a_node_have_is_one_finding():
+    second = [frame(each.timestamp, 0x285, each.data.hex() + "03") for each in pdos(100, 101, 102)
+              if each.arbitration_id == 0x185]  # fmt: skip
+    (its,) = assessed(*pdos(100, 101, 102), *second).findings
+    assert its.text == "TPDO1, TPDO2: missing for 3 of 300 SYNCs, at worst for 3 in a row"
+
+
+def test_a_remote_request_for_sync_is_no_sync():
+    asked = [frame(1.0, 0x080, is_remote_frame=True), frame(1.1, 0x185, is_remote_frame=True)]
+    assert found(*CYCLES, *asked) == []
 
 
 @pytest.mark.parametrize(("status", "code"), [(FAULT, 1), (ENABLED, 0)])

@@ -522,6 +522,8 @@ class Conversation:
         elif message.is_extended_id:
             self.strangers[identifier] += 1
             self._long[identifier] += 1
+        elif message.is_remote_frame:
+            pass  # asks for a frame, and carries nothing
         elif identifier == protocol.NMT and len(data) == 2:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
@@ -529,7 +531,7 @@ class Conversation:
             self.observed.commands.append(Command(at, self._frame, data[0], data[1]))
         elif identifier == protocol.SYNC:
             self.observed.streams[StreamKey(BUS, "SYNC")].append(at, self._frame)
-        elif not message.is_remote_frame:
+        else:
             self._service(at, identifier, data)
 
     def _service(self, at: float, identifier: int, data: bytes) -> None:
@@ -630,11 +632,13 @@ class Conversation:
         if who != HOST:
             node.frames["PDO"] += 1
             self.observed.sent_by[pdo.node].append(at, self._frame)
-        stream = f"{pdo.name} of {node.name}"
-        self.observed.streams[StreamKey(pdo.node, pdo.name)].append(at, self._frame)
+        key, stream = StreamKey(pdo.node, pdo.name), f"{pdo.name} of {node.name}"
+        self.observed.streams[key].append(at, self._frame)
         fits = self._unpack(at, who, pdo, data)
         for other in self._receivers.get(identifier, {}).values():
             fits |= self._unpack(at, who, other, data)
+        if not fits:
+            self.observed.misfits[key].append(at, self._frame)
         if not fits and self._new(stream, len(data)):
             known = f"{sum(bits for _, bits in pdo.entries)} bits are known: not decoded"
             self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")

@@ -147,6 +147,7 @@ class Observed:
     Attributes:
         times: Times of all frames, s.
         streams: When SYNC, heartbeats and PDOs came.
+        misfits: PDOs whose length is not that of their mapping.
         rhythms: Those of them that came regularly.
         sent_by: All frames of a node, by its number.
         changes: Values of the objects of which every change is reported, by node and object.
@@ -159,6 +160,9 @@ class Observed:
 
     times: array[float] = field(default_factory=lambda: array("d"))
     streams: defaultdict[StreamKey, Stream] = field(
+        default_factory=lambda: defaultdict(empty_stream)
+    )
+    misfits: defaultdict[StreamKey, Stream] = field(
         default_factory=lambda: defaultdict(empty_stream)
     )
     rhythms: dict[StreamKey, Rhythm] = field(default_factory=dict)

@@ -98,7 +98,11 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
     end = said.duration if until is None else until
     resets = [each for each in axis.resets if first.begin <= each.time <= end + ANSWER_FIRST_S]
     worked = [each for each in resets if until is not None and until - each.time < RESET_S][-1:]
-    failed = [each for each in resets if each not in worked and each.time + RESET_S < end]
+    failed = [
+        each
+        for k, each in enumerate(resets)
+        if each not in worked and (k + 1 < len(resets) or each.time + RESET_S < end)
+    ]
     reported = list(_reports(said, axis, first.begin, end))
     texts = list(dict.fromkeys(each.text for each in reported))
     texts = [each for each in texts if not any(each in other for other in texts if other != each)]

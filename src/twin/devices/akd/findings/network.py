@@ -24,7 +24,7 @@ from twin.devices.akd.observed import BUS, Gap, StreamKey
 LOST_PAUSES = 2.5
 """Usual pauses without a heartbeat after which it is lost, not late."""
 LOST_SYNCS = 10
-"""Periods without SYNC after which it is lost, not late."""
+"""Periods without SYNC or a PDO after which SYNC or the node is lost."""
 ANSWER_S = 0.05
 """Time in s that a node has at least to say anything."""
 SCANNED_NODES = 10
@@ -37,6 +37,8 @@ the slowest regular stream."""
 RESET_S, OBEY_S = 5.0, 1.0
 """Time in s in which a node boots after a reset, and in which it follows another NMT command."""
 _BOOT_UP, _STOP, _RESETS = 0, 2, (129, 130)
+LEAVING = (_STOP, protocol.PRE_OPERATIONAL, *_RESETS)
+"""NMT commands by which a node leaves the operational state."""
 _HEARTBEAT, _SYNC = "heartbeat", StreamKey(BUS, "SYNC")
 _OF_THE_BUS = ("trace-gap",)
 
@@ -106,29 +108,27 @@ def find_silent_nodes(said: Conversation, _: Sequence[Finding]) -> Iterator[Find
 
 
 def find_boot_ups(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
-    """Nodes that boot in the middle, without a command."""
+    """Nodes that boot in the middle, without a command; since their last frame before it."""
     for node, changes in said.observed.network.items():
+        times, frames = said.observed.sent_by[node]
         for k, boot in enumerate(changes):
-            heard = said.observed.sent_by[node].time[0] < boot.time
-            if boot.value != _BOOT_UP or not heard:
+            before = bisect_left(frames, boot.frame) - 1
+            if boot.value != _BOOT_UP or before < 0:
                 continue
-            if _commanded(said, node, boot.time, RESET_S, _RESETS):
+            if commanded(said, node, boot.time, RESET_S, _RESETS):
                 continue
             was = changes[k - 1].value if k else None
             back = next((each for each in changes[k + 1 :] if each.value == was), None)
             good = was != protocol.OPERATIONAL or back is not None
-            text = "booted without a command"
-            text += f", was {protocol.nmt_words(was)}" if was else ""
+            text = f"booted without a command, {said.span(boot.time - times[before])} after its "
+            text += f"last frame; was {protocol.nmt_words(was)}" if was else "last frame"
             if was == protocol.OPERATIONAL:
-                text += (
-                    f", and again after {said.span(back.time - boot.time)}"
-                    if back
-                    else (", and was not again")
-                )
+                again = f"again after {said.span(back.time - boot.time)}" if back else "not again"
+                text += f", and {again}"
             yield Finding(
                 code="boot-up",
                 severity=Severity.RECOVERED if good else Severity.UNRESOLVED,
-                time=boot.time,
+                time=times[before],
                 until=back.time if back else None,
                 node=node,
                 text=text,
@@ -143,8 +143,8 @@ def find_lost_nodes(said: Conversation, known: Sequence[Finding]) -> Iterator[Fi
     for stream in streams:
         if not stream.node or (stream.name != _HEARTBEAT and stream.name[0] != "T"):
             continue
-        gaps = said.observed.rhythms[stream].long(LOST_PAUSES)
-        for gap in gaps:
+        pauses = LOST_PAUSES if stream.name == _HEARTBEAT else LOST_SYNCS
+        for gap in said.observed.rhythms[stream].long(pauses):
             codes = ("node-lost", "bus-lost", "boot-up", *_OF_THE_BUS)
             silence = _silence(said, stream.node, gap)
             if silence is None or _is_reset(said, stream.node, silence):
@@ -285,12 +285,11 @@ def _watched(said: Conversation, node: int, silence: float) -> str:
 
 def find_wrong_network_states(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Nodes that leave the operational state without a command, or do not follow a start."""
-    leaving = (_STOP, protocol.PRE_OPERATIONAL, *_RESETS)
     for node, changes in said.observed.network.items():
         for before, now in pairwise(changes):
             if before.value != protocol.OPERATIONAL or now.value == _BOOT_UP:
                 continue
-            if _commanded(said, node, now.time, OBEY_S, leaving):
+            if commanded(said, node, now.time, OBEY_S, LEAVING):
                 continue
             if is_explained(known, ("boot-up",), node, now.time):
                 continue
@@ -381,10 +380,10 @@ def _is_reset(said: Conversation, node: int, gap: Gap) -> bool:
     """Whether a node came back after a gap in which it was reset."""
     if gap.end is None:
         return False
-    return _commanded(said, node, gap.end, gap.end - gap.begin, _RESETS)
+    return commanded(said, node, gap.end, gap.end - gap.begin, _RESETS)
 
 
-def _commanded(
+def commanded(
     said: Conversation, node: int, time: float, within: float, commands: Sequence[int]
 ) -> bool:
     """Whether the host sent a node one of some NMT commands within some s before a time."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.findings import drives, network
+from twin.devices.akd.findings import drives, network, pdos
 from twin.devices.akd.findings.finding import Finding, Severity, plural
 
 Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]
@@ -21,6 +21,8 @@ FINDERS: tuple[Find, ...] = (
     network.find_lost_nodes,
     network.find_wrong_network_states,
     network.find_late_sync,
+    pdos.find_missing_pdos,
+    pdos.find_wrong_lengths,
 )
 """All families of findings, causes before consequences."""
 

@@ -1,0 +1,253 @@
+"""Findings of PDOs: missing, late or twice for their SYNC, or of a wrong length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.findings.drives import has_torque
+from twin.devices.akd.findings.finding import Finding, Severity, is_explained, plural
+from twin.devices.akd.findings.network import ANSWER_S, LEAVING, LOST_PAUSES, OBEY_S, commanded
+from twin.devices.akd.observed import BUS, StreamKey
+
+MIN_SYNCS = 20
+"""SYNCs from which it is seen whether a PDO comes with each."""
+SHARES = 0.9, 1.1
+"""PDOs for each SYNC, at least and at most, of one that comes with each."""
+MISSING_AT_END = 3
+"""SYNCs without a PDO, to the end of the trace, after which it has ended."""
+MISSING_IN_A_ROW = 3
+"""SYNCs without a PDO in a row that are more than a warning."""
+MIN_TWICE = 3
+"""How often a PDO comes twice for a SYNC before somebody sends it twice."""
+AT_EVERY_SYNC = 1
+"""Transmission type of a PDO that comes with every SYNC."""
+_CAUSES = ("node-lost", "bus-lost", "boot-up", "trace-gap", "nmt-left", "sync-lost")
+
+
+class Cycles(NamedTuple):
+    """The PDOs of a stream by the SYNCs that they belong to.
+
+    Attributes:
+        sync: Times of the SYNCs from that of the first PDO to that of the last, s, shape (K,).
+        counts: PDOs after each of them, shape (K,).
+        delay: The longest time from each SYNC to a PDO, s, shape (K,); 0 without one.
+        period: Of SYNC, s.
+        later: SYNCs after that of the last PDO.
+    """
+
+    sync: Array
+    counts: NDArray[np.intp]
+    delay: Array
+    period: float
+    later: int
+
+
+def cycles(said: Conversation, stream: StreamKey) -> Cycles | None:
+    """A stream by SYNCs, in the order of the frames; None if it does not come with each SYNC."""
+    syncs, its = said.observed.streams[StreamKey(BUS, "SYNC")], said.observed.streams[stream]
+    if min(len(syncs.time), len(its.time)) < MIN_SYNCS or not said.timed:
+        return None
+    place = np.searchsorted(np.asarray(syncs.frame), np.asarray(its.frame)) - 1
+    known = place >= 0
+    place, times, sync = place[known], np.asarray(its.time)[known], np.asarray(syncs.time)
+    if not len(place):
+        return None
+    first, last = int(place[0]), int(place[-1])
+    count = np.bincount(place - first, minlength=last - first + 1)
+    index = (0x1800 if stream.name[0] == "T" else 0x1400) + int(stream.name[4:]) - 1
+    kind = said.values[stream.node].get((index, 2))
+    share = len(place) / len(count)
+    each = SHARES[0] <= share <= SHARES[1] if kind is None else kind == AT_EVERY_SYNC
+    if not each:
+        return None
+    delay = np.zeros(len(count))
+    np.maximum.at(delay, place - first, times - sync[place])
+    period = float(np.median(np.diff(sync)))
+    return Cycles(sync[first : last + 1], count, delay, period, len(sync) - 1 - last)
+
+
+def find_missing_pdos(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+    """PDOs that are missing, late or twice for their SYNC, and those that ended.
+
+    What several PDOs of a node have at the same time is one finding.
+    """
+    joined: dict[tuple[object, ...], Finding] = {}
+    for each in _of_streams(said, known):
+        name, _, text = each.text.partition(": ")
+        key = each.code, each.node, each.severity, text, round(each.time, 2)
+        if key in joined:
+            first = joined[key]
+            names, _, _ = first.text.partition(": ")
+            frames = tuple(sorted((*first.frames, *each.frames)))
+            joined[key] = replace(first, text=f"{names}, {name}: {text}", frames=frames)
+        else:
+            joined[key] = each
+    yield from joined.values()
+
+
+def _of_streams(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+    """The same, of each PDO."""
+    for stream in sorted(said.observed.streams):
+        if stream.name[1:4] != "PDO":
+            continue
+        found = cycles(said, stream)
+        if found is None:
+            yield from _uneven(said, stream, known)
+            continue
+        missing, late, twice = _sorted_out(found.counts)
+        missing = [
+            k for k in missing if not is_explained(known, _CAUSES, stream.node, found.sync[k])
+        ]
+        if missing:
+            yield _missing(said, stream, found, missing)
+        if late:
+            yield _late(said, stream, found, late)
+        if len(twice) > MIN_TWICE:
+            yield _twice(said, stream, found, twice)
+        if found.later > MISSING_AT_END:
+            yield from _ended(said, stream, known)
+
+
+def _sorted_out(count: NDArray[np.intp]) -> tuple[list[int], list[int], list[int]]:
+    """The SYNCs without a PDO, those whose PDO comes after the next SYNC, those with too many.
+
+    Args:
+        count: PDOs after each SYNC, shape (K,). More than one make up for SYNCs without one
+            directly before.
+    """
+    missing, late, twice, waiting = list[int](), list[int](), list[int](), list[int]()
+    for k in np.flatnonzero(count != 1).tolist():
+        if waiting and k > waiting[-1] + 1:
+            missing, waiting = missing + waiting, []
+        surplus = int(count[k]) - 1
+        if surplus < 0:
+            waiting.append(k)
+            continue
+        if surplus > len(waiting):
+            twice.append(k)
+        kept = max(len(waiting) - surplus, 0)
+        late += waiting[kept:]
+        missing, waiting = missing + waiting[:kept], []
+    return missing + waiting, late, twice
+
+
+def _frames(said: Conversation, stream: StreamKey, times: Array) -> tuple[int, ...]:
+    """Numbers of the last frames of a stream before some times in s, shape (K,)."""
+    its = said.observed.streams[stream]
+    places = np.maximum(np.searchsorted(its.time, times, side="right") - 1, 0)
+    return tuple(dict.fromkeys(its.frame[int(k)] for k in places))
+
+
+def _missing(said: Conversation, stream: StreamKey, found: Cycles, missing: list[int]) -> Finding:
+    places = np.asarray(missing)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    longest = max(len(each) for each in runs)
+    """PDOs that do not come for a SYNC: in a row a failure, alone a warning."""
+    text = f"{stream.name}: missing for {len(missing)} of {plural(len(found.counts), 'SYNC')}"
+    text += f", at worst for {longest} in a row" if longest > 1 else ""
+    return Finding(
+        code="pdo-missing",
+        severity=Severity.RECOVERED if longest >= MISSING_IN_A_ROW else Severity.WARNING,
+        time=float(found.sync[places[0]]),
+        until=float(found.sync[places[-1] + 1]),
+        node=stream.node,
+        text=text,
+        frames=_frames(said, stream, found.sync[[each[0] for each in runs]]),
+    )
+
+
+def _late(said: Conversation, stream: StreamKey, found: Cycles, late: list[int]) -> Finding:
+    """PDOs that come after the next SYNC; their SYNCs by their places."""
+    places = np.asarray(late)
+    return Finding(
+        code="pdo-late",
+        severity=Severity.WARNING,
+        time=float(found.sync[places[0]]),
+        node=stream.node,
+        text=f"{stream.name}: after the next SYNC {len(late)} times of {len(found.counts)}",
+        frames=_frames(said, stream, found.sync[places + 1] + found.delay[places + 1]),
+    )
+
+
+def _twice(said: Conversation, stream: StreamKey, found: Cycles, twice: list[int]) -> Finding:
+    """PDOs that come more often than their SYNC; their SYNCs by their places."""
+    text = f"{stream.name}: twice for {len(twice)} of {plural(len(found.counts), 'SYNC')}"
+    return Finding(
+        code="pdo-twice",
+        severity=Severity.UNRESOLVED,
+        time=float(found.sync[twice[0]]),
+        node=stream.node,
+        text=text,
+        frames=_frames(said, stream, found.sync[twice] + found.delay[twice]),
+    )
+
+
+def _ended(said: Conversation, stream: StreamKey, known: Sequence[Finding]) -> Iterator[Finding]:
+    """A PDO that ended while SYNC went on, and nobody stopped it."""
+    its = said.observed.streams[stream]
+    last = its.time[-1]
+    if said.duration - last < ANSWER_S or is_explained(known, _CAUSES, stream.node, last):
+        return
+    stopped = commanded(said, stream.node, last + ANSWER_S, OBEY_S, LEAVING)
+    if stopped or (stream.name[0] == "R" and not has_torque(said, last)):
+        return
+    yield Finding(
+        code="pdo-missing",
+        severity=Severity.UNRESOLVED,
+        time=last,
+        node=stream.node,
+        text=f"{stream.name}: none to the end of the trace, for {said.span(said.duration - last)}",
+        frames=(its.frame[-1],),
+    )
+
+
+def _uneven(said: Conversation, stream: StreamKey, known: Sequence[Finding]) -> Iterator[Finding]:
+    """Gaps of a regular PDO that does not come with every SYNC."""
+    rhythm = said.observed.rhythms.get(stream)
+    if rhythm is None or not said.timed:
+        return
+    over = [
+        each
+        for each in rhythm.long(LOST_PAUSES)
+        if each.end and not is_explained(known, _CAUSES, stream.node, each.begin)
+    ]
+    if over:
+        worst = said.span(max((each.end or 0.0) - each.begin for each in over))
+        yield Finding(
+            code="pdo-missing",
+            severity=Severity.RECOVERED,
+            time=over[0].begin,
+            until=over[-1].end,
+            node=stream.node,
+            text=f"{stream.name}: none {plural(len(over), 'time')}, for {worst} at worst "
+            f"(usually every {said.span(rhythm.usual)})",
+            frames=tuple(each.frame for each in over),
+        )
+    if rhythm.gaps and rhythm.gaps[-1].end is None:
+        yield from _ended(said, stream, known)
+
+
+def find_wrong_lengths(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+    """PDOs of a length that others of the same stream do not have."""
+    for stream, misfits in said.observed.misfits.items():
+        its = said.observed.streams[stream]
+        good = len(its.time) - len(misfits.time)
+        if good < len(misfits.time):
+            continue  # its mapping is not known
+        until = next((each for each in its.time if each > misfits.time[-1]), None)
+        yield Finding(
+            code="pdo-length",
+            severity=Severity.UNRESOLVED if until is None else Severity.RECOVERED,
+            time=misfits.time[0],
+            until=until,
+            node=stream.node,
+            text=f"{stream.name}: {len(misfits.time)} of a wrong length",
+            frames=tuple(misfits.frame),
+        )
