@@ -367,6 +367,87 @@ def test_a_remote_request_for_sync_is_no_sync():
     assert found(*CYCLES, *asked) == []
 
 
+def write(at, key, value, answer="60"):
+    """Four bytes are written to an object of node 5; hex, least byte first."""
+    asked = frame(at, 0x605, f"23{key}{value}")
+    return [asked, frame(at + 0.001, 0x585, f"{answer}{key}00000000")] if answer else [asked]
+
+
+def read(at, key, value=None):
+    """An object of node 5 is read; None for no answer."""
+    asked = frame(at, 0x605, f"40{key}00000000")
+    return [asked, frame(at + 0.001, 0x585, f"43{key}{value}")] if value else [asked]
+
+
+def refuse(at, key, code="00000206", command="40"):
+    """A request for an object of node 5 is aborted."""
+    asked = frame(at, 0x605, f"{command}{key}00000000")
+    return [asked, frame(at + 0.001, 0x585, f"80{key}{code}")]
+
+
+LIMIT, MODE = "7f6000", "5a6000"
+"""Maximum profile velocity (607Fh) and quick stop option (605Ah), as in a frame."""
+
+
+def test_a_request_without_an_answer_is_unresolved_until_it_is_answered():
+    assert found(*BEATS, *read(1.0, LIMIT, "01000000")) == []
+    (its,) = assessed(*BEATS, *read(1.0, LIMIT), *read(2.0, LIMIT)).findings
+    assert (its.code, its.severity, its.time) == ("sdo-timeout", Severity.UNRESOLVED, 1.0)
+    assert its.text == "reading 607Fh Maximum profile velocity: without an answer, 2 times"
+    its = one("sdo-timeout", *BEATS, *read(1.0, LIMIT), *read(2.0, LIMIT, "01000000"))
+    assert (its.severity, its.until) == (Severity.RECOVERED, 2.0)
+    assert found(*BEATS, *read(5.8, LIMIT)) == []  # the trace ends before it may be answered
+
+
+def test_a_transfer_that_the_host_gives_up_is_without_an_answer():
+    given_up = [*read(1.0, LIMIT), frame(1.5, 0x605, f"80{LIMIT}00000405")]
+    (its,) = assessed(*BEATS, *given_up).findings
+    assert (its.code, its.severity) == ("sdo-timeout", Severity.UNRESOLVED)
+
+
+def test_a_refused_write_is_unresolved_and_a_refused_read_a_warning():
+    (its,) = assessed(*BEATS, *refuse(1.0, LIMIT, "30000906", "23")).findings
+    assert (its.code, its.severity) == ("sdo-refused", Severity.UNRESOLVED)
+    assert its.text == (
+        "writing 607Fh Maximum profile velocity: refused, code 06090030h, value out of range"
+    )
+    assert one("sdo-refused", *BEATS, *refuse(1.0, LIMIT)).severity is Severity.WARNING
+    again = write(2.0, LIMIT, "01000000") + read(2.1, LIMIT, "01000000")
+    refused = refuse(1.0, LIMIT, command="23")
+    assert one("sdo-refused", *BEATS, *refused, *again).severity is Severity.RECOVERED
+
+
+def test_an_answer_after_the_next_request_is_an_overlap():
+    first, second = read(1.0, LIMIT, "01000000"), read(1.0005, MODE, "02000000")
+    (its,) = assessed(*BEATS, *first, *second).findings
+    assert (its.code, its.severity) == ("sdo-overlap", Severity.WARNING)
+    assert its.text.startswith("reading 607Fh Maximum profile velocity: answered after the next")
+
+
+def test_an_answer_to_no_request_is_found():
+    stray = read(1.0, LIMIT, "01000000")[1]
+    (its,) = assessed(*BEATS, *read(0.5, MODE, "02000000"), stray).findings
+    assert (its.code, its.severity) == ("sdo-stray", Severity.WARNING)
+    assert its.text == "1 answer that nobody asked for: 607Fh Maximum profile velocity"
+
+
+def test_a_setting_that_is_read_back_otherwise_is_unresolved_until_it_is_right():
+    wrong = [*write(1.0, LIMIT, "e8030000"), *read(1.1, LIMIT, "f4010000")]
+    (its,) = assessed(*BEATS, *wrong).findings
+    assert (its.code, its.severity, its.axis) == ("setting-differs", Severity.UNRESOLVED, 1)
+    assert its.text == "607Fh Maximum profile velocity: 1000 written, 500 read"
+    right = [*write(2.0, LIMIT, "e8030000"), *read(2.1, LIMIT, "e8030000")]
+    assert one("setting-differs", *BEATS, *wrong, *right).severity is Severity.RECOVERED
+    assert found(*BEATS, *right) == []
+
+
+def test_settings_that_nobody_reads_back_are_a_warning_and_commands_are_none():
+    (its,) = assessed(*BEATS, *write(1.0, LIMIT, "e8030000")).findings
+    assert (its.code, its.severity) == ("setting-unread", Severity.WARNING)
+    assert its.text.startswith("1 setting written and never read back: 607Fh Maximum")
+    assert found(*BEATS, *write(1.0, "406000", "0f000000")) == []
+
+
 @pytest.mark.parametrize(("status", "code"), [(FAULT, 1), (ENABLED, 0)])
 def test_check_ends_with_1_if_a_problem_is_unresolved(tmp_path, capsys, status, code):
     with closing(TraceWriter(tmp_path / "a.log", "can0")) as writer:

@@ -32,6 +32,7 @@ from twin.devices.akd.observed import (
     Gap,
     Observed,
     Rhythm,
+    StrayAnswer,
     StreamKey,
     Transfer,
 )
@@ -66,10 +67,15 @@ _FEW, _MOST = 10, 20
 _ENDED, _ENDED_FOR = 3, 0.05
 """Times the usual pause, and s, from which something has ended before the trace does."""
 _SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 0, 1, 2, 4, 5, 6
+_DOWNLOAD_ANSWER = 3
 """Command specifiers of SDO: reading is an upload, writing a download."""
 _SIZED, _EXPEDITED = 1, 2
 """Bits of the specifier that begins a transfer: its size is stated; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
+_NAMING = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
+"""Command specifiers of answers that name their object."""
+_OPEN = 50
+"""Transfers back in which the request of a late answer is looked for."""
 _UNANSWERED = "unanswered", "no answer"
 _SHORT_S = 0.2
 """Time in s below which one is given in ms."""
@@ -701,6 +707,11 @@ class Conversation:
                 self._ended(number, transfer, *_UNANSWERED)
             key = data[1] | data[2] << 8, data[3]
             transfer = self._sdo[number] = _Transfer(at, self._frame, key, writes, block)
+        elif not asks and command in _NAMING:
+            key = data[1] | data[2] << 8, data[3]
+            if transfer is None or key != transfer.key:
+                self._answer_late(at, number, key)
+                return
         if transfer is None:
             return
         if command == _ABORT:
@@ -719,6 +730,17 @@ class Conversation:
             transfer.more = False
         if not asks and (transfer.block or not transfer.more):
             self._done(at, number, self._sdo.pop(number))
+
+    def _answer_late(self, at: float, number: int, key: Key) -> None:
+        """Assign an answer to an earlier request of that object that had none."""
+        transfers = self.observed.transfers
+        for k in range(len(transfers) - 1, max(len(transfers) - _OPEN, 0) - 1, -1):
+            each = transfers[k]
+            if each.node == number and each.key == key and each.end is None:
+                frames = (*each.frames, self._frame)
+                transfers[k] = each._replace(end=at, frames=frames, overlapped=True)
+                return
+        self.observed.strays.append(StrayAnswer(at, self._frame, number, key))
 
     def _done(self, at: float, number: int, transfer: _Transfer) -> None:
         key, data = transfer.key, transfer.data

@@ -123,6 +123,7 @@ class Transfer(NamedTuple):
         writes: Whether it is written.
         abort: The abort code; None if it was not refused.
         value: The number that was transferred; None if it is no number.
+        overlapped: Whether the answer came after the next request to the node.
     """
 
     begin: float
@@ -133,11 +134,21 @@ class Transfer(NamedTuple):
     writes: bool
     abort: int | None
     value: int | None
+    overlapped: bool = False
 
     @property
     def good(self) -> bool:
         """Whether it was answered and not refused."""
         return self.end is not None and self.abort is None
+
+
+class StrayAnswer(NamedTuple):
+    """An SDO answer to no request of the trace."""
+
+    time: float
+    frame: int
+    node: int
+    key: Key
 
 
 @dataclass
@@ -154,6 +165,7 @@ class Observed:
         network: Network states in heartbeats, by node, where they changed, and each boot-up (0).
         commands: NMT commands.
         transfers: SDO transfers, in the order of their ends.
+        strays: SDO answers to no request.
         emergencies: Emergency messages.
         error_frames: Error frames.
     """
@@ -173,5 +185,6 @@ class Observed:
     network: defaultdict[int, list[Change]] = field(default_factory=lambda: defaultdict(list))
     commands: list[Command] = field(default_factory=list)
     transfers: list[Transfer] = field(default_factory=list)
+    strays: list[StrayAnswer] = field(default_factory=list)
     emergencies: list[EmergencyReport] = field(default_factory=list)
     error_frames: list[ErrorFrame] = field(default_factory=list)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.findings import drives, network, pdos
+from twin.devices.akd.findings import drives, network, pdos, transfers
 from twin.devices.akd.findings.finding import Finding, Severity, plural
 
 Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]
@@ -23,6 +23,10 @@ FINDERS: tuple[Find, ...] = (
     network.find_late_sync,
     pdos.find_missing_pdos,
     pdos.find_wrong_lengths,
+    transfers.find_unanswered,
+    transfers.find_refused,
+    transfers.find_overlaps,
+    transfers.find_lost_settings,
 )
 """All families of findings, causes before consequences."""
 
