@@ -43,6 +43,8 @@ CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 ERROR_CODE, FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, ERROR_CODE, 0x1001, 0x60FD}
 """Objects of which every change in a PDO is reported."""
+_MODES = (0x6061, 0x6060)
+"""The mode of operation, as it is displayed and as it is given."""
 _POSITIONS = (0x6062, PLACE, 0x607A, 0x60F4)
 """In units of the user; the feed (6092h) gives their number in a turn of the shaft."""
 _INCREMENTS = (0x6063, 0x60FC)
@@ -371,6 +373,18 @@ class Conversation:
         """The object of the plate's encoder in a node; None if no rig file names it."""
         return self._axes[node].plate_object if node in self._axes else None
 
+    def mode(self, node: int, axis: int, time: float = math.inf) -> int | None:
+        """The mode of operation of an axis at a time in s; None if the trace does not show it.
+
+        The mode that the drive displays counts, else the one that it is given.
+        """
+        for index in _MODES:
+            changes = self.observed.changes.get((node, (index + (axis - 1) * AXIS_OFFSET, 0)), ())
+            shown = (each.value for each in reversed(changes) if each.time <= time)
+            if (mode := next(shown, None)) is not None:
+                return mode
+        return None
+
     def has_axes(self, node: int) -> bool:
         """Whether a drive has several axes."""
         return node in self.nodes and bool(self.nodes[node].axes)
@@ -425,10 +439,13 @@ class Conversation:
         text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & _mask(value):X}h)"
         drive = self.is_drive(node)
         if index == STATUS and drive:
-            served = 0xFFFF if self.is_akd(node) else self._served[node, key[0]]
-            text = f"{protocol.status_words(value, served)} ({value:04X}h)"
+            seen = self._served[node, key[0]]
+            served = 0xFFFF if self.is_akd(node) else seen
+            mode = self.mode(node, axis_of(key[0])[1])
+            text = f"{protocol.status_words(value, served, mode, seen)} ({value:04X}h)"
         elif index == CONTROL and drive:
-            text = f"{protocol.control_words(value)} ({value:04X}h)"
+            mode = self.mode(node, axis_of(key[0])[1])
+            text = f"{protocol.control_words(value, mode)} ({value:04X}h)"
         elif index in {0x6060, 0x6061} and drive:
             text = table()["modes"].get(f"{value}", f"mode {value}")
         elif index == ERROR_CODE and drive and value:
@@ -685,10 +702,14 @@ class Conversation:
     def _changed(self, at: float, who: str, pdo: Pdo, key: Key, value: int) -> None:
         """Report a value of a PDO that differs from the one before."""
         self._note(at, pdo.node, key, value)
-        if axis_of(key[0])[0] == STATUS:
+        index, axis = axis_of(key[0])
+        if index == STATUS:
             self._power(at, pdo.node, key, value)
-        words = self.words(pdo.node, key, value)
-        meaning = words.partition(" (")[0]
+        words = meaning = self.words(pdo.node, key, value)
+        if index == STATUS:
+            passing = protocol.passing_bits(self.mode(pdo.node, axis))
+            meaning = self.words(pdo.node, key, value & ~passing)
+        meaning = meaning.partition(" (")[0]
         if self._new((pdo.node, key), meaning):
             to = "" if who == self.called(pdo.node) else f" to {self.called(pdo.node)}"
             self._say(at, who, "PDO", f"{self.object_name(pdo.node, key)}{to}: {words}")
