@@ -87,7 +87,8 @@ PAGE = Path(__file__).parents[3] / "docs" / "can-trace.md"
 
 
 def test_the_page_has_a_row_for_every_code():
-    rows = re.findall(r"^\| `([a-z-]+)` \| .+ \| .+ \|$", PAGE.read_text(), re.MULTILINE)
+    rows = re.findall(r"^\| (`[a-z-]+`(?:, `[a-z-]+`)*) \| .+ \| .+ \|$", PAGE.read_text(), re.M)
+    rows = [code for row in rows for code in re.findall("[a-z-]+", row)]
     assert sorted(rows) == sorted(kinds())
 
 
@@ -287,7 +288,7 @@ def test_a_pause_of_everybody_is_one_finding():
     assert found(*everything, timed=False) == []
 
 
-CYCLES = drive((0, ENABLED), (2.99, OFF), end=3.0, control=[(0, "0f00"), (2.99, "0000")])
+CYCLES = drive((0, ENABLED), (2.99, OFF), end=3.0, control=[(0, "0f00"), (2.98, "0000")])
 """SYNC every 10 ms, with each the status word and the control word, for 3 s."""
 
 
@@ -446,6 +447,128 @@ def test_settings_that_nobody_reads_back_are_a_warning_and_commands_are_none():
     assert (its.code, its.severity) == ("setting-unread", Severity.WARNING)
     assert its.text.startswith("1 setting written and never read back: 607Fh Maximum")
     assert found(*BEATS, *write(1.0, "406000", "0f000000")) == []
+
+
+def enabled(*words, end=4.0, control=(), mode=None, **how):
+    """A drive that is enabled, with some status words later; its mode if one is displayed."""
+    shown = read(0.01, "616000", f"{mode:02x}000000") if mode is not None else []
+    return [*drive((0, ENABLED), *words, end=end, control=[(0, "0f00"), *control], **how), *shown]
+
+
+def test_a_drive_that_leaves_operation_without_a_command_lost_its_torque():
+    (its,) = assessed(*enabled((1, OFF))).findings
+    assert (its.code, its.severity) == ("torque-lost", Severity.UNRESOLVED)
+    assert its.text == "left operation enabled without a command, is switch on disabled"
+    (its,) = assessed(*enabled((1, "1702"), (2, ENABLED))).findings
+    assert (its.code, its.severity) == ("torque-lost", Severity.RECOVERED)
+    assert its.text.endswith("is quick stop active")
+    assert found(*enabled((1, OFF), control=[(0.99, "0000")])) == []
+    assert found(*enabled((1, OFF)), frame(0.99, 0x000, "8005")) == []
+
+
+@pytest.mark.parametrize(
+    ("status", "control", "words"),
+    [
+        (OFF, "0f00", "enable operation without effect for 1.99 s: switch on disabled, needs shut"),
+        (OFF, "0600", "shutdown without effect for 1.99 s: switch on disabled, the drive is not"),
+        (READY, "0f00", "enable operation without effect for 1.99 s: ready to switch on, needs sw"),
+    ],
+)
+def test_a_command_in_the_wrong_state_is_found(status, control, words):
+    frames = drive((0, status), end=3.0, control=[(0, "0000"), (1.0, control)])
+    (its,) = assessed(*frames).findings
+    assert (its.code, its.severity) == ("wrong-state", Severity.UNRESOLVED)
+    assert its.text.startswith(words)
+
+
+def test_a_command_that_is_followed_late_is_recovered_and_soon_is_nothing():
+    def frames(at):
+        return drive((0, ON), (at, ENABLED), end=6.0, control=[(0, "0700"), (1.0, "0f00")])
+
+    assert found(*frames(1.5)) == []
+    later = drive((0, ON), (4, ENABLED), end=6.0,
+                  control=[(0, "0700"), (1, "0f00"), (3, "0700"), (3.9, "0f00")])  # fmt: skip
+    assert one("wrong-state", *later).severity is Severity.RECOVERED
+
+
+def test_a_mode_that_is_not_the_given_one_is_found():
+    given = write(0.02, "606000", "03000000")
+    assert found(*enabled(mode=3), *given) == []
+    (its,) = assessed(*enabled(mode=3), *given, *read(1.0, "616000", "01000000")).findings
+    assert (its.code, its.severity) == ("mode-differs", Severity.UNRESOLVED)
+    assert its.text.startswith("is in profile position for 2.99 s, given is profile velocity")
+    other, back = read(1.5, "616000", "01000000"), read(1.6, "616000", "03000000")
+    its = one("mode-differs", *enabled(mode=3), *given, *other, *back)
+    assert its.severity is Severity.RECOVERED
+
+
+@pytest.mark.parametrize(
+    ("mode", "word", "code", "severity"),
+    [
+        (None, "370a", "limit-active", Severity.WARNING),
+        (None, "b702", "drive-warning", Severity.WARNING),
+        (None, "2702", "no-voltage", Severity.UNRESOLVED),
+        (None, "3700", "not-remote", Severity.UNRESOLVED),
+        (1, "3722", "following-error", Severity.UNRESOLVED),
+        (8, "3722", "following-error", Severity.UNRESOLVED),
+        (3, "3722", "slippage", Severity.UNRESOLVED),
+        (6, "3722", "homing-error", Severity.UNRESOLVED),
+    ],
+)
+def test_what_a_bit_of_the_status_word_warns_of_is_found_by_the_mode(mode, word, code, severity):
+    (its,) = assessed(*enabled((1, word), mode=mode)).findings
+    assert (its.code, its.severity) == (code, severity)
+    assert its.text.endswith("for 2.99 s")
+    other = 9 if mode else None  # bit 13 is reserved there
+    assert found(*enabled((1, word), mode=other)) == ([] if mode else [code])
+    assert found(*enabled((1, OFF), (1.5, word[:1] + "1" + word[2:]), control=[(0.99, "0000")],
+                          mode=mode)) == []  # fmt: skip
+
+
+def test_a_cyclic_mode_that_does_not_follow_is_found_unless_it_never_did():
+    follows = (0.5, "3712")
+    (its,) = assessed(*enabled(follows, (1, ENABLED), mode=8)).findings
+    assert (its.code, its.severity) == ("not-following", Severity.UNRESOLVED)
+    assert found(*enabled(follows, (1, ENABLED), (1.05, "3712"), mode=8)) == []
+    assert found(*enabled(mode=8)) == []
+
+
+NEW = [(1.0, "1f00"), (1.1, "0f00")]
+"""A new set-point, by the control word."""
+
+
+def test_a_set_point_that_is_not_acknowledged_or_not_reached_is_found():
+    reached = [(1.02, "3712"), (1.12, ENABLED), (2.0, "3706")]
+    assert found(*enabled(*reached, mode=1, control=NEW)) == []
+    assert found(*enabled(*reached[:2], mode=1, control=NEW)) == ["target-missed"]
+    assert found(*enabled(mode=1, control=NEW)) == ["setpoint-ignored"]
+    assert found(*enabled(mode=3, control=NEW)) == []
+
+
+def test_homing_that_is_not_attained_is_found():
+    started = [(1.0, "1f00")]
+    assert found(*enabled((2, "3712"), mode=6, control=started)) == []
+    (its,) = assessed(*enabled(mode=6, control=started)).findings
+    assert (its.code, its.text) == ("target-missed", "homing is not attained within 2.99 s")
+
+
+HOT, CLEAR = frame(1.0, 0x085, "1043080000000000"), frame(2.0, 0x085, "0000000000000000")
+
+
+def test_an_emergency_is_unresolved_until_it_is_cleared_or_the_drive_works_on():
+    (its,) = assessed(*BEATS, HOT).findings
+    assert (its.code, its.severity) == ("emergency", Severity.UNRESOLVED)
+    assert its.text == "emergency 4310h drive temperature too high"
+    assert "cooling blocked" in its.causes
+    (its,) = assessed(*BEATS, HOT, CLEAR).findings
+    assert (its.severity, its.until) == (Severity.RECOVERED, 2.0)
+    (its,) = assessed(*enabled(), HOT).findings
+    assert its.severity is Severity.WARNING
+    assert found(*BEATS, CLEAR) == []
+
+
+def test_an_emergency_of_a_fault_is_part_of_it():
+    assert found(*STUCK, BLOCKED) == ["drive-fault", "reset-failed"]
 
 
 @pytest.mark.parametrize(("status", "code"), [(FAULT, 1), (ENABLED, 0)])

@@ -43,7 +43,7 @@ CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 ERROR_CODE, FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, ERROR_CODE, 0x1001, 0x60FD}
 """Objects of which every change in a PDO is reported."""
-_MODES = (0x6061, 0x6060)
+MODES = (0x6061, 0x6060)
 """The mode of operation, as it is displayed and as it is given."""
 _POSITIONS = (0x6062, PLACE, 0x607A, 0x60F4)
 """In units of the user; the feed (6092h) gives their number in a turn of the shaft."""
@@ -378,7 +378,7 @@ class Conversation:
 
         The mode that the drive displays counts, else the one that it is given.
         """
-        for index in _MODES:
+        for index in MODES:
             changes = self.observed.changes.get((node, (index + (axis - 1) * AXIS_OFFSET, 0)), ())
             shown = (each.value for each in reversed(changes) if each.time <= time)
             if (mode := next(shown, None)) is not None:

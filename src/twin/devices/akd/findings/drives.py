@@ -19,7 +19,8 @@ ANSWER_FIRST_S = 0.02
 """Time in s by which a trace may have an answer before the command, as PDOs wait for SYNC."""
 REPORT_BEFORE_S, REPORT_AFTER_S = 0.1, 0.5
 """How long before and after a fault an emergency or an error code belongs to it, s."""
-_FAULTY = {DriveState.FAULT, DriveState.FAULT_REACTION}
+FAULTY = {DriveState.FAULT, DriveState.FAULT_REACTION}
+"""States of a drive in fault."""
 
 
 class Span(NamedTuple):
@@ -59,7 +60,7 @@ class Axis(NamedTuple):
     @property
     def resets(self) -> list[Change]:
         """Its fault resets."""
-        return _rising(self.controls, protocol.RESET)
+        return rising(self.controls, protocol.RESET)
 
 
 def axes(said: Conversation) -> list[Axis]:
@@ -86,10 +87,10 @@ def find_faults(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Drives in fault, and resets without effect."""
     for axis in axes(said):
         for k, first in enumerate(axis.spans):
-            if first.state not in _FAULTY or (k and axis.spans[k - 1].state in _FAULTY):
+            if first.state not in FAULTY or (k and axis.spans[k - 1].state in FAULTY):
                 continue
             rest = axis.spans[k:]
-            after = next((each for each in rest if each.state not in _FAULTY), None)
+            after = next((each for each in rest if each.state not in FAULTY), None)
             yield from _fault(said, axis, first, after.begin if after else None)
 
 
@@ -103,7 +104,8 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
         for k, each in enumerate(resets)
         if each not in worked and (k + 1 < len(resets) or each.time + RESET_S < end)
     ]
-    reported = list(_reports(said, axis, first.begin, end))
+    earliest = first.begin - REPORT_BEFORE_S if first is not axis.spans[0] else 0.0
+    reported = list(_reports(said, axis, earliest, first.begin, end))
     texts = list(dict.fromkeys(each.text for each in reported))
     texts = [each for each in texts if not any(each in other for other in texts if other != each)]
     words = "; ".join(texts) or "no cause reported"
@@ -143,7 +145,7 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
         )
 
 
-def _rising(changes: Sequence[Change], bit: int) -> list[Change]:
+def rising(changes: Sequence[Change], bit: int) -> list[Change]:
     """Where a bit of a word is set; at its first value only if it is known to have been unset."""
     return [now for before, now in pairwise(changes) if now.value & bit and not before.value & bit]
 
@@ -156,9 +158,11 @@ class Report(NamedTuple):
     frame: int
 
 
-def _reports(said: Conversation, axis: Axis, begin: float, end: float) -> Iterator[Report]:
-    """What a drive reports of a fault between two times in s."""
-    soon, late = begin - REPORT_BEFORE_S, min(begin + REPORT_AFTER_S, end)
+def _reports(
+    said: Conversation, axis: Axis, soon: float, begin: float, end: float
+) -> Iterator[Report]:
+    """What a drive reports of a fault between two times in s, from some time before on."""
+    late = min(begin + REPORT_AFTER_S, end)
     for each in said.observed.emergencies:
         if each.node == axis.node and each.code and soon <= each.time <= late:
             yield Report(each.words, each.code, each.frame)

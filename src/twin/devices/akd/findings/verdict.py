@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.findings import drives, network, pdos, transfers
+from twin.devices.akd.findings import drives, network, pdos, states, transfers
 from twin.devices.akd.findings.finding import Finding, Severity, plural
 
 Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]
@@ -21,6 +21,12 @@ FINDERS: tuple[Find, ...] = (
     network.find_lost_nodes,
     network.find_wrong_network_states,
     network.find_late_sync,
+    states.find_lost_torque,
+    states.find_ignored_commands,
+    states.find_wrong_modes,
+    states.find_flags,
+    states.find_missed_targets,
+    states.find_emergencies,
     pdos.find_missing_pdos,
     pdos.find_wrong_lengths,
     transfers.find_unanswered,
