@@ -274,7 +274,7 @@ def trace(
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary["timed"] = found.timed
     remarks = [*found.remarks, *names.sheet.remarks, *conversation.remarks()]
-    verdict = assess(conversation)
+    verdict = assess(conversation, found.remarks)
     summary |= verdict.as_dict() | conversation.summary() | {"remarks": remarks}
     events = [event._asdict() for event in conversation.events]
     written = [each for each in (out, log) if each is not None]

@@ -14,7 +14,7 @@ import pytest
 from command_line import called
 
 from twin.cli.trace_report import verdict_lines
-from twin.devices.akd.config import AkdConfig, AxisConfig
+from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings import Severity, assess, kinds
 from twin.devices.akd.traces import TraceWriter
@@ -569,6 +569,121 @@ def test_an_emergency_is_unresolved_until_it_is_cleared_or_the_drive_works_on():
 
 def test_an_emergency_of_a_fault_is_part_of_it():
     assert found(*STUCK, BLOCKED) == ["drive-fault", "reset-failed"]
+
+
+def error(at, classes, data="0000000000000000"):
+    return frame(at, classes, data, is_error_frame=True)
+
+
+def test_bus_off_is_unresolved_until_a_device_is_heard_again():
+    answer = frame(0.01, 0x585, "4f00100000000000")
+    beats = [*BEATS, answer]
+    its = one("bus-off", *without(beats, 3.0), error(3.05, 0x40))
+    assert (its.severity, its.time) == (Severity.UNRESOLVED, 3.05)
+    assert one("bus-off", *beats, error(3.05, 0x40)).severity is Severity.RECOVERED
+
+
+def test_other_error_frames_are_one_warning_with_their_kinds():
+    (its,) = assessed(*BEATS, error(1.0, 0x80), error(1.1, 0x80), error(1.2, 0x20)).findings
+    assert (its.code, its.severity) == ("error-frames", Severity.WARNING)
+    assert its.text == "3 error frames: 2 bus error, 1 no acknowledge"
+    assert len(its.frames) == 3
+
+
+def sent(*frames):
+    """The same frames, marked as sent by the recorder's own host."""
+    for each in frames:
+        each.is_rx = False
+    return list(frames)
+
+
+def test_a_frame_of_the_host_that_somebody_else_sends_means_two_hosts():
+    own = sent(*every(0.01, 0.0, 3.0, 0x080))
+    assert found(*own, *BEATS) == []
+    (its,) = assessed(*own, *BEATS, frame(1.5005, 0x080)).findings
+    assert (its.code, its.severity, its.node) == ("two-hosts", Severity.UNRESOLVED, 0)
+    assert its.time == 1.5005
+    echoed = every(0.01, 0.001, 3.0, 0x080)  # the adapter hands back what it sends
+    assert found(*own, *echoed, *BEATS) == []
+    (its,) = assessed(*own, *echoed, *BEATS, frame(1.5005, 0x080)).findings
+    assert (its.code, its.time) == ("two-hosts", 1.5005)
+    heard = sorted([*own, *echoed, *BEATS], key=lambda each: each.timestamp)
+    told = Conversation(heard)
+    assert told.remarks() == ["left out: 300 frames that the adapter handed back"]
+    assert len(told.sync) == 300
+
+
+def test_sync_of_two_senders_is_seen_without_directions():
+    one_of_them, other = every(0.01, 0.0, 3.0, 0x080), every(0.01, 0.0015, 3.0, 0x080)
+    assert found(*one_of_them, *other, *BEATS) == ["two-hosts"]
+    late = [each for each in other if each.timestamp > 2.0]
+    (its,) = assessed(*one_of_them, *late, *BEATS).findings
+    assert (its.code, its.text) == ("two-hosts", "SYNC of two senders")
+    assert its.time == pytest.approx(2.0, abs=0.011)
+
+
+def test_a_control_word_that_comes_twice_for_a_sync_means_two_hosts():
+    other = [frame(each.timestamp + 0.003, 0x205, "0000") for each in CYCLES
+             if each.arbitration_id == 0x205 and 1 < each.timestamp < 1.1]  # fmt: skip
+    assert "two-hosts" in found(*CYCLES, *other)
+
+
+def test_two_devices_with_a_number_are_seen_by_heartbeats_and_by_answers():
+    other = every(0.1, 2.037, 6.0, 0x705, "05")
+    (its,) = assessed(*BEATS, *other).findings
+    assert (its.code, its.severity, its.node) == ("node-twice", Severity.UNRESOLVED, 5)
+    asked = read(1.0, LIMIT, "01000000")
+    second = frame(1.002, 0x585, f"43{LIMIT}02000000")
+    (its,) = assessed(*BEATS, *asked, second).findings
+    assert (its.code, its.text) == ("node-twice", "1 request answered twice")
+
+
+def test_a_full_bus_is_a_warning_where_its_bit_rate_is_known():
+    phi, theta = AxisConfig(name="phi", node=1), AxisConfig(name="theta", node=2)
+    slow = AkdConfig(axes=(phi, theta), bus=BusConfig(bitrate=125_000), period=0.01)
+    full = every(0.0011, 0.0, 1.0, 0x7F1, "0000000000000000")  # 135 bits each, stuffed
+    its = one("bus-load", *full, rig=slow)
+    assert its.severity is Severity.WARNING
+    # 91 frames of 47 + 64 + 24 bits in the busiest 0.1 s
+    assert its.text.startswith(f"up to {100 * 91 * 135 / 0.1 / 125_000:.0f} % of 125000 bit/s")
+    half = every(0.0022, 0.0, 1.0, 0x7F1, "0000000000000000")
+    assert found(*half, rig=slow) == []
+    assert found(*full) == []  # the bit rate is not known
+
+
+def guarded(*lost, stuck=()):
+    """A node that is guarded every 0.1 s; requests without an answer, answers without a toggle."""
+    toggle, frames = 0, []
+    for k in range(60):
+        frames.append(frame(0.1 * k, 0x705, is_remote_frame=True))
+        if k in lost:
+            continue
+        frames.append(frame(0.1 * k + 0.001, 0x705, f"{toggle | 5:02x}"))
+        toggle ^= 0 if k in stuck else 0x80
+    return frames
+
+
+def test_a_guard_request_without_an_answer_is_found():
+    assert found(*guarded()) == []
+    its = one("guard-unanswered", *guarded(30))
+    assert (its.severity, its.until) == (Severity.RECOVERED, pytest.approx(3.1))
+    assert its.text == "1 of 60 guard requests without an answer"
+    assert one("guard-unanswered", *guarded(*range(30, 60))).severity is Severity.UNRESOLVED
+
+
+def test_a_toggle_bit_that_does_not_alternate_is_a_warning():
+    (its,) = assessed(*guarded(stuck=[30])).findings
+    assert (its.code, its.severity) == ("guard-toggle", Severity.WARNING)
+    assert its.time == pytest.approx(3.101)
+
+
+def test_a_clock_that_was_set_back_is_a_warning(tmp_path, capsys):
+    lines = [f"({10 + 0.1 * k - (5 if k > 30 else 0):.6f}) can0 705#05" for k in range(60)]
+    (tmp_path / "a.log").write_text("\n".join(lines))
+    shown = json.loads(called(capsys, "trace", tmp_path / "a.log", "--json")[1])
+    codes = [each["code"] for each in shown["findings"]]
+    assert codes == ["time-back"]
+    assert shown["findings"][0]["text"].startswith("time goes back")
 
 
 @pytest.mark.parametrize(("status", "code"), [(FAULT, 1), (ENABLED, 0)])

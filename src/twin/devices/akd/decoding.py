@@ -79,6 +79,10 @@ _NAMING = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
 _OPEN = 50
 """Transfers back in which the request of a late answer is looked for."""
 _UNANSWERED = "unanswered", "no answer"
+_ECHO_S = 0.02
+"""Time in s within which an adapter hands back what it sent."""
+_ECHO_SHARE = 0.5
+"""Share of the frames that it sent which an adapter hands back, if it does."""
 _SHORT_S = 0.2
 """Time in s below which one is given in ms."""
 HOST = "host"
@@ -279,7 +283,10 @@ class Conversation:
         self._long: Counter[int] = Counter()
         self.errors: Counter[str] = Counter()
         """Error frames by what they say."""
-        self.observed = Observed()
+        foreign, echoes = _list_foreign(heard)
+        self.observed = Observed(foreign=foreign)
+        self.echoes = len(echoes)
+        """Frames that the adapter handed back to its host; they are left out."""
         """What the frames show, as data."""
         self.timed = timed
         """Whether the frames have times, or their numbers instead."""
@@ -297,10 +304,16 @@ class Conversation:
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
         self._objects: dict[tuple[int, Key], Object] = {}
         self._there, self._identities = _introduced(heard)
+        self.bitrate = rig.bus.bitrate if rig else None
+        """Bit rate of the bus in bit/s; None if no rig file has it."""
         self.values = _Held(self._known_of)
         """What objects of nodes hold at its end, as far as it was read or written."""
         for self._frame, message in enumerate(heard, 1):
-            self._take(message, message.timestamp - self.begin)
+            is_echo, at = self._frame in echoes, message.timestamp - self.begin
+            self.observed.times.append(at)
+            self.observed.bits.append(0 if is_echo else _longest_bits(message))
+            if not is_echo:
+                self._take(message, at)
         for node, left in sorted(self._sdo.items()):
             self._ended(node, left, *_UNANSWERED)
         if timed:
@@ -491,8 +504,10 @@ class Conversation:
         }
 
     def remarks(self) -> list[str]:
-        """Facts reported nowhere else: frames that are no CANopen, a file of a different vendor."""
+        """Facts reported nowhere else: frames that are left out, a file of a different vendor."""
         remarks = []
+        if self.echoes:
+            remarks.append(f"left out: {self.echoes} frames that the adapter handed back")
         others = self.strangers - self._long
         kinds = {"with 29-bit identifiers, no CANopen": self._long, "of no known service": others}
         for kind, counts in kinds.items():
@@ -536,7 +551,6 @@ class Conversation:
 
     def _take(self, message: can.Message, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
-        self.observed.times.append(at)
         if message.is_error_frame:
             what = _error_words(identifier, data)
             self.errors[what] += 1
@@ -545,8 +559,10 @@ class Conversation:
         elif message.is_extended_id:
             self.strangers[identifier] += 1
             self._long[identifier] += 1
-        elif message.is_remote_frame:
-            pass  # asks for a frame, and carries nothing
+        elif message.is_remote_frame:  # asks for a frame, and carries nothing
+            node = identifier - protocol.HEARTBEAT
+            if 0 < node <= protocol.NODE_MASK:
+                self.observed.guards[node].append(at, self._frame)
         elif identifier == protocol.NMT and len(data) == 2:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
@@ -583,6 +599,7 @@ class Conversation:
             elif service == protocol.SDO_RESPONSE:
                 self._transfer(at, number, data, asks=False)
             elif (state := protocol.decode_nmt_state(data)) is not None:
+                self.observed.life[number].append(Change(at, self._frame, data[0]))
                 self._heartbeat(at, number, state)
 
     def _heartbeat(self, at: float, number: int, state: int) -> None:
@@ -967,6 +984,37 @@ def _introduced(heard: Iterable[can.Message]) -> tuple[set[int], dict[tuple[int,
             if answer and answer.data and answer.key in (_PROFILE, _VENDOR) and not answer.aborted:
                 found[node, answer.key] = answer.value
     return there - {0}, found
+
+
+def _list_foreign(heard: Sequence[can.Message]) -> tuple[list[int], set[int]]:
+    """Numbers of frames that were received with an identifier that the host sends.
+
+    First those of another sender, then those of an adapter that hands back all that it sent.
+    """
+    sent = {(each.arbitration_id, each.is_extended_id) for each in heard if not each.is_rx}
+    newest = dict[tuple[int, bytes], float]()
+    foreign, echoes = list[int](), set[int]()
+    for number, each in enumerate(heard, 1):
+        if (each.arbitration_id, each.is_extended_id) not in sent:
+            continue
+        if each.is_error_frame or each.is_remote_frame:
+            continue
+        key = each.arbitration_id, bytes(each.data)
+        if not each.is_rx:
+            newest[key] = each.timestamp
+        elif each.timestamp - newest.pop(key, -math.inf) > _ECHO_S:
+            foreign.append(number)
+        else:
+            echoes.add(number)
+    handed_back = len(echoes) > _ECHO_SHARE * sum(not each.is_rx for each in heard)
+    return (foreign, echoes) if handed_back else (sorted({*foreign, *echoes}), set())
+
+
+def _longest_bits(message: can.Message) -> int:
+    """Bits of a classic frame with the pause after it, stuffed as badly as can be."""
+    size = 0 if message.is_remote_frame else 8 * len(message.data)
+    fixed, stuffed = (67, 53) if message.is_extended_id else (47, 33)
+    return fixed + size + (stuffed + size) // 4
 
 
 def _error_words(identifier: int, data: bytes) -> str:

@@ -157,6 +157,11 @@ class Observed:
 
     Attributes:
         times: Times of all frames, s.
+        bits: Bits of each of them, at most.
+        guards: Remote requests for the life of a node (node guarding), by its number.
+        life: What a node sends with the identifier of heartbeats, by its number.
+        foreign: Numbers of frames that somebody else sent with an identifier of the host, where
+            the trace has who sent a frame.
         streams: When SYNC, heartbeats and PDOs came.
         misfits: PDOs whose length is not that of their mapping.
         rhythms: Those of them that came regularly.
@@ -171,6 +176,10 @@ class Observed:
     """
 
     times: array[float] = field(default_factory=lambda: array("d"))
+    bits: array[int] = field(default_factory=lambda: array("L"))
+    guards: defaultdict[int, Stream] = field(default_factory=lambda: defaultdict(empty_stream))
+    life: defaultdict[int, list[Change]] = field(default_factory=lambda: defaultdict(list))
+    foreign: list[int] = field(default_factory=list)
     streams: defaultdict[StreamKey, Stream] = field(
         default_factory=lambda: defaultdict(empty_stream)
     )

@@ -180,7 +180,7 @@ def _twice(said: Conversation, stream: StreamKey, found: Cycles, twice: list[int
     """PDOs that come more often than their SYNC; their SYNCs by their places."""
     text = f"{stream.name}: twice for {len(twice)} of {plural(len(found.counts), 'SYNC')}"
     return Finding(
-        code="pdo-twice",
+        code="pdo-twice" if stream.name[0] == "T" else "two-hosts",
         severity=Severity.UNRESOLVED,
         time=float(found.sync[twice[0]]),
         node=stream.node,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation, axis_of
 from twin.devices.akd.findings.finding import Finding, Severity, is_explained, plural
-from twin.devices.akd.observed import Transfer
+from twin.devices.akd.observed import StrayAnswer, Transfer
 from twin.devices.akd.protocol import Key
 
 ANSWER_S, ANSWER_FRAMES = 0.5, 5
@@ -125,7 +125,19 @@ def find_overlaps(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]
                 f"{plural(len(its), 'time')}",
                 frames=tuple(frame for each in its for frame in each.frames),
             )
-        strays = [each for each in said.observed.strays if each.node == node]
+        strays, again = list[StrayAnswer](), list[StrayAnswer]()
+        for stray in said.observed.strays:
+            if stray.node == node:
+                (again if _is_second(said, stray) else strays).append(stray)
+        if again:
+            yield Finding(
+                code="node-twice",
+                severity=Severity.UNRESOLVED,
+                time=again[0].time,
+                node=node,
+                text=f"{plural(len(again), 'request')} answered twice",
+                frames=tuple(each.frame for each in again),
+            )
         if strays:
             names = dict.fromkeys(said.object_name(node, each.key) for each in strays)
             yield Finding(
@@ -137,6 +149,17 @@ def find_overlaps(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]
                 f"{', '.join(list(names)[:MAX_NAMED])}",
                 frames=tuple(each.frame for each in strays),
             )
+
+
+def _is_second(said: Conversation, stray: StrayAnswer) -> bool:
+    """Whether an answer is a second one to the same request."""
+    return any(
+        each.node == stray.node
+        and each.key == stray.key
+        and each.end is not None
+        and 0 <= stray.time - each.end <= ANSWER_S
+        for each in said.observed.transfers
+    )
 
 
 def find_lost_settings(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:

@@ -8,14 +8,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.findings import drives, network, pdos, states, transfers
+from twin.devices.akd.findings import bus, drives, network, pdos, states, transfers
 from twin.devices.akd.findings.finding import Finding, Severity, plural
 
 Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]
 """Finds one family of problems; is given those that were found before, which may explain them."""
 FINDERS: tuple[Find, ...] = (
+    bus.find_error_frames,
+    bus.find_high_load,
+    bus.find_guarding,
     drives.find_faults,
     network.find_pauses_of_the_bus,
+    bus.find_other_hosts,
     network.find_silent_nodes,
     network.find_boot_ups,
     network.find_lost_nodes,
@@ -67,9 +71,14 @@ class Verdict:
         }
 
 
-def assess(said: Conversation) -> Verdict:
-    """The verdict on a trace."""
-    findings = list[Finding]()
+def assess(said: Conversation, remarks: Sequence[str] = ()) -> Verdict:
+    """The verdict on a trace.
+
+    Args:
+        said: The trace.
+        remarks: What its reader remarked.
+    """
+    findings = list(bus.find_clock_steps(remarks))
     for find in FINDERS:
         findings += find(said, findings)
     findings.sort(key=lambda each: each.order)

@@ -1,0 +1,203 @@
+"""Findings of the bus: error frames, several hosts, its load, node guarding, a clock set back."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.findings.finding import Finding, Severity, ended, is_explained, plural
+from twin.devices.akd.observed import BUS, StreamKey
+
+LOAD_WINDOW_S = 0.1
+"""Time in s over which the load of the bus is taken."""
+HIGH_LOAD = 0.8
+"""Share of the bit rate above which a bus is full."""
+BUS_OFF = 0x40
+"""Class of an error frame, as SocketCAN has it."""
+ANSWER_S = 0.1
+"""Time in s that a node has to answer a guard request."""
+MIN_PAIRS = 5
+"""Frames in a row by which two senders of the same identifier are told from one."""
+PAIR_SHARE = 1.3
+"""Usual pauses within which the next but one comes if there are two senders."""
+UNEVEN_SHARE, CLOSE_SHARE, REGULAR_SHARE = 0.6, 0.2, 0.1
+"""Of two interleaved senders: difference of neighbouring pauses at least, where the period of one
+sender is not known and where it is, and difference of sums at most, as shares of their sum."""
+_HOST_ALONE = "another sender has an identifier of the host"
+
+
+def find_error_frames(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+    """Error frames: bus off, and all others."""
+    errors = said.observed.error_frames
+    off = [each for each in errors if each.classes & BUS_OFF]
+    if off:
+        devices = [node for node, its in said.nodes.items() if its.frames.keys() - {"heartbeat"}]
+        later = (said.observed.sent_by[node].time for node in devices)
+        again = [each for each in later if each and each[-1] > off[-1].time]
+        yield Finding(
+            code="bus-off",
+            severity=Severity.RECOVERED if again else Severity.UNRESOLVED,
+            time=off[0].time,
+            text=f"the controller left the bus (bus off), {plural(len(off), 'time')}",
+            frames=tuple(each.frame for each in off),
+        )
+    others = [each for each in errors if not each.classes & BUS_OFF]
+    if others:
+        counts = Counter(each.words for each in others)
+        words = ", ".join(f"{count} {what}" for what, count in counts.most_common())
+        yield Finding(
+            code="error-frames",
+            severity=Severity.WARNING,
+            time=others[0].time,
+            text=f"{plural(len(others), 'error frame')}: {words}",
+            frames=tuple(each.frame for each in others),
+        )
+
+
+def find_other_hosts(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+    """Frames of the host that somebody else sends, too; SYNC and heartbeats of two senders."""
+    foreign = said.observed.foreign
+    if foreign:
+        yield Finding(
+            code="two-hosts",
+            severity=Severity.UNRESOLVED,
+            time=said.observed.times[foreign[0] - 1],
+            text=f"{_HOST_ALONE}, {plural(len(foreign), 'frame')}",
+            frames=tuple(foreign),
+        )
+    for stream, its in said.observed.streams.items():
+        sync = stream == StreamKey(BUS, "SYNC")
+        if not said.timed or not (sync or stream.name == "heartbeat"):
+            continue
+        rhythm = said.observed.rhythms.get(stream)
+        given = said.values[stream.node].get((0x1017, 0), 0) / 1e3 if stream.node else 0.0
+        usual = max(given, rhythm.usual if rhythm else 0.0)
+        place = first_of_two(np.asarray(its.time), usual)
+        if place is None or (sync and foreign):
+            continue
+        if is_explained(known, ("trace-gap",), BUS, its.time[place]):
+            continue  # what has waited is read at once
+        yield Finding(
+            code="two-hosts" if sync else "node-twice",
+            severity=Severity.UNRESOLVED,
+            time=its.time[place],
+            node=stream.node,
+            text="SYNC of two senders" if sync else "heartbeats of two senders",
+            frames=tuple(its.frame[place : place + MIN_PAIRS]),
+        )
+
+
+def first_of_two(time: Array, usual: float) -> int | None:
+    """Where frames of a second sender with the same identifier begin; None if there is none.
+
+    Frames of two senders come in pairs of uneven pauses, whose sum is the period of each sender.
+    One sender that is late every other time looks alike; its mean pause is its usual one, though.
+
+    Args:
+        time: Of the frames, s, shape (K,).
+        usual: The pause of one sender, s; 0 if it is not known.
+    """
+    if len(time) < 2 * MIN_PAIRS:
+        return None
+    pauses, pairs = np.diff(time), time[2:] - time[:-2]
+    apart = np.abs(np.diff(pauses))
+    both = float(np.median(pairs))
+    blocks = [pauses[k : k + MIN_PAIRS] for k in range(0, len(pauses) - MIN_PAIRS, MIN_PAIRS)]
+    even = [each.mean() for each in blocks if np.ptp(each) < REGULAR_SHARE * each.mean()]
+    usual = max(usual, *even, 0.0)
+    close = (pairs < PAIR_SHARE * usual) & (apart > CLOSE_SHARE * pairs)
+    interleaved = (apart > UNEVEN_SHARE * both) & (np.abs(pairs - both) < REGULAR_SHARE * both)
+    mostly = abs(2 * float(np.median(pauses)) - both) > UNEVEN_SHARE * both
+    for which in (close, interleaved & mostly):
+        runs = np.convolve(which, np.ones(MIN_PAIRS), mode="valid")
+        found = np.flatnonzero(runs >= MIN_PAIRS)
+        if len(found):
+            return int(found[0])
+    return None
+
+
+def find_high_load(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+    """A bus that is nearly full, where its bit rate is known."""
+    if said.bitrate is None or not said.timed:
+        return
+    begin, load = busiest(said)
+    if load > HIGH_LOAD * said.bitrate:
+        yield Finding(
+            code="bus-load",
+            severity=Severity.WARNING,
+            time=begin,
+            text=f"up to {100 * load / said.bitrate:.0f} % of {said.bitrate} bit/s are taken "
+            f"within {said.span(LOAD_WINDOW_S)}",
+            frames=(int(np.searchsorted(said.observed.times, begin)) + 1,),
+        )
+
+
+def busiest(said: Conversation) -> tuple[float, float]:
+    """When the bus is busiest, s, and its load then in bit/s, stuffed as badly as can be."""
+    times, bits = np.asarray(said.observed.times), np.asarray(said.observed.bits)
+    windows = (times // LOAD_WINDOW_S).astype(int)
+    loads = np.bincount(windows, weights=bits)
+    if len(loads) > 1:
+        loads = loads[:-1]  # the last is no whole one
+    place = int(loads.argmax())
+    return place * LOAD_WINDOW_S, float(loads[place]) / LOAD_WINDOW_S
+
+
+def find_guarding(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+    """Guard requests that a node does not answer, and toggle bits that do not alternate."""
+    for node, guards in said.observed.guards.items():
+        life = said.observed.life.get(node, [])
+        times = [each.time for each in life]
+        unanswered, answers = list[int](), dict[int, int]()
+        ends = [*guards.time[1:], said.duration]
+        for k, (begin, end) in enumerate(zip(guards.time, ends, strict=True)):
+            after = int(np.searchsorted(times, begin, side="right"))
+            if after < len(times) and times[after] <= end:
+                answers[k] = after
+            elif end - begin >= ANSWER_S or k + 1 < len(guards.time):
+                unanswered.append(k)
+        if unanswered:
+            until = next((guards.time[k] for k in answers if k > unanswered[-1]), None)
+            yield Finding(
+                code="guard-unanswered",
+                severity=ended(until),
+                time=guards.time[unanswered[0]],
+                until=until,
+                node=node,
+                text=f"{len(unanswered)} of {plural(len(guards.time), 'guard request')} without "
+                "an answer",
+                frames=tuple(guards.frame[k] for k in unanswered),
+            )
+        stuck = [
+            life[now]
+            for before, now in pairwise(answers.values())
+            if now == before + 1 and not (life[now].value ^ life[before].value) & 0x80
+        ]
+        if stuck:
+            yield Finding(
+                code="guard-toggle",
+                severity=Severity.WARNING,
+                time=stuck[0].time,
+                node=node,
+                text=f"the toggle bit does not alternate, {plural(len(stuck), 'time')}",
+                frames=tuple(each.frame for each in stuck),
+            )
+
+
+def find_clock_steps(remarks: Sequence[str]) -> Iterator[Finding]:
+    """A clock that was set back, as the remarks on a trace have it."""
+    for remark in remarks:
+        _, back, rest = remark.partition("time goes back")
+        if back:
+            yield Finding(
+                code="time-back",
+                severity=Severity.WARNING,
+                time=0.0,
+                text=f"{back}{rest}",
+                frames=(),
+            )
