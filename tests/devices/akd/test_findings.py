@@ -74,7 +74,22 @@ def test_a_healthy_trace_has_no_finding_and_one_line():
     verdict = assessed(*HEALTHY)
     assert not verdict.findings
     assert verdict.worst is None
-    assert verdict.headline.startswith("nothing wrong: 1 node for 1.99 s")
+    assert verdict.headline == (
+        "nothing wrong: 1 node and 1 drive for 1.99 s: SYNC every 10 ms (worst 10 ms), "
+        "2 PDOs; no emergency, no error frame"
+    )
+
+
+def test_what_was_checked_has_heartbeats_transfers_and_the_load_of_the_bus():
+    phi, theta = AxisConfig(name="phi", node=1), AxisConfig(name="theta", node=2)
+    rig = AkdConfig(axes=(phi, theta), bus=BusConfig(bitrate=125_000), period=0.01)
+    settings = write(1.05, LIMIT, "e8030000") + read(1.35, LIMIT, "e8030000")
+    # in a tenth of a second: a heartbeat of 65 bits and two frames of 135, stuffed
+    headline = assessed(*BEATS, *settings, rig=rig).headline
+    assert headline == (
+        "nothing wrong: 1 node for 5.9 s: 1 heartbeat every 100 ms (worst 100 ms), "
+        "2 SDO transfers, bus load up to 3 %; no emergency, no error frame"
+    )
 
 
 def test_every_code_has_causes_and_a_first_check():
@@ -606,7 +621,7 @@ def test_a_frame_of_the_host_that_somebody_else_sends_means_two_hosts():
     echoed = every(0.01, 0.001, 3.0, 0x080)  # the adapter hands back what it sends
     assert found(*own, *echoed, *BEATS) == []
     (its,) = assessed(*own, *echoed, *BEATS, frame(1.5005, 0x080)).findings
-    assert (its.code, its.time) == ("two-hosts", 1.5005)
+    assert (its.code, its.time) == ("two-hosts", pytest.approx(1.5005, abs=0.001))
     heard = sorted([*own, *echoed, *BEATS], key=lambda each: each.timestamp)
     told = Conversation(heard)
     assert told.remarks() == ["left out: 300 frames that the adapter handed back"]

@@ -10,6 +10,7 @@ from typing import Any
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings import bus, drives, network, pdos, states, transfers
 from twin.devices.akd.findings.finding import Finding, Severity, plural
+from twin.devices.akd.observed import BUS, Rhythm, StreamKey
 
 Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]
 """Finds one family of problems; is given those that were found before, which may explain them."""
@@ -112,4 +113,26 @@ def _headline(said: Conversation, findings: list[Finding], counts: dict[Severity
 
 def _checked(said: Conversation) -> str:
     """What was checked, in one line."""
-    return f"{plural(len(said.nodes), 'node')} for {said.span(said.duration)}"
+    seen, parts = said.observed, list[str]()
+    beats = [its for stream, its in seen.rhythms.items() if stream.name == "heartbeat"]
+    sync = seen.rhythms.get(StreamKey(BUS, "SYNC"))
+    if beats:
+        parts.append(f"{plural(len(beats), 'heartbeat')} {_every(said, beats)}")
+    if sync:
+        parts.append(f"SYNC {_every(said, [sync])}")
+    pdos = sum(stream.name[1:4] == "PDO" for stream in seen.streams)
+    parts += [plural(pdos, "PDO")] if pdos else []
+    parts += [plural(len(seen.transfers), "SDO transfer")] if seen.transfers else []
+    if said.bitrate and said.timed:
+        parts.append(f"bus load up to {100 * bus.busiest(said)[1] / said.bitrate:.0f} %")
+    axes = len(drives.axes(said))
+    what = plural(len(said.nodes), "node") + (f" and {plural(axes, 'drive')}" if axes else "")
+    checked = f": {', '.join(parts)}" if parts else ""
+    return f"{what} for {said.span(said.duration)}{checked}; no emergency, no error frame"
+
+
+def _every(said: Conversation, rhythms: Sequence[Rhythm]) -> str:
+    """The period of some streams and their worst pause, in words."""
+    periods = dict.fromkeys(said.span(each.usual) for each in rhythms)
+    worst = said.span(max(each.worst for each in rhythms))
+    return f"every {' or '.join(periods)} (worst {worst})"
