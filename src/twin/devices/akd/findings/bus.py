@@ -140,7 +140,7 @@ def find_high_load(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding
 def busiest(said: Conversation) -> tuple[float, float]:
     """When the bus is busiest, s, and its load then in bit/s, stuffed as badly as can be."""
     times, bits = np.asarray(said.observed.times), np.asarray(said.observed.bits)
-    windows = (times // LOAD_WINDOW_S).astype(int)
+    windows = np.floor(times / LOAD_WINDOW_S + 1e-6).astype(int)
     loads = np.bincount(windows, weights=bits)
     if len(loads) > 1:
         loads = loads[:-1]  # the last is no whole one
