@@ -256,6 +256,15 @@ def test_a_boot_up_in_the_middle_is_found_unless_it_was_commanded():
     assert found(frame(-0.1, 0x705, "00"), *BEATS) == []  # the first frame of a node
 
 
+def test_a_drive_that_is_reset_while_it_has_torque_is_found():
+    before = drive((0, ENABLED), end=2.0, control=[(0, "0f00")])
+    reset = [frame(2.0, 0x000, "8105"), frame(2.1, 0x705, "00")]
+    its = one("boot-up", *before, *reset)
+    assert its.text.startswith("booted by a command, while it had torque, 110 ms after its last")
+    before = drive((0, ENABLED), (1.5, OFF), end=2.0, control=[(0, "0f00"), (1.4, "0000")])
+    assert "boot-up" not in found(*before, *reset)
+
+
 def test_a_node_that_leaves_operational_without_a_command_is_found():
     left = [*without(BEATS, 1.95), *every(0.1, 2.0, 6.0, 0x705, "7f")]
     (its,) = assessed(*left).findings

@@ -10,7 +10,7 @@ from twin.devices.akd import protocol
 from twin.devices.akd.decoding import AXIS_OFFSET, CONTROL, ERROR_CODE, FAULTS, STATUS, Conversation
 from twin.devices.akd.findings.finding import Finding, causes_of_error, ended, plural
 from twin.devices.akd.findings.motion import coasting
-from twin.devices.akd.observed import Change
+from twin.devices.akd.observed import BUS, Change
 from twin.devices.akd.protocol import DriveState
 
 RESET_S = 1.0
@@ -178,7 +178,13 @@ def _reports(
                 yield Report(protocol.fault_words([number]), 0, transfer.frames[-1])
 
 
-def has_torque(said: Conversation, time: float) -> bool:
-    """Whether a drive is enabled at a time in s."""
-    spans = (axis.span_at(time) for axis in axes(said))
+def has_torque(said: Conversation, time: float, node: int = BUS) -> bool:
+    """Whether a drive is enabled at a time in s.
+
+    Args:
+        said: The trace.
+        time: The time.
+        node: Which drive; ``BUS`` for any.
+    """
+    spans = (axis.span_at(time) for axis in axes(said) if node in (BUS, axis.node))
     return any(each is not None and each.state is DriveState.OPERATION_ENABLED for each in spans)

@@ -108,19 +108,22 @@ def find_silent_nodes(said: Conversation, _: Sequence[Finding]) -> Iterator[Find
 
 
 def find_boot_ups(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
-    """Nodes that boot in the middle, without a command; since their last frame before it."""
+    """Nodes that boot in the middle, without a command or with torque; since their last frame."""
     for node, changes in said.observed.network.items():
         times, frames = said.observed.sent_by[node]
         for k, boot in enumerate(changes):
             before = bisect_left(frames, boot.frame) - 1
             if boot.value != _BOOT_UP or before < 0:
                 continue
+            how = "without a command"
             if commanded(said, node, boot.time, RESET_S, _RESETS):
-                continue
+                how = "by a command, while it had torque"
+                if not has_torque(said, times[before], node):
+                    continue
             was = changes[k - 1].value if k else None
             back = next((each for each in changes[k + 1 :] if each.value == was), None)
             good = was != protocol.OPERATIONAL or back is not None
-            text = f"booted without a command, {said.span(boot.time - times[before])} after its "
+            text = f"booted {how}, {said.span(boot.time - times[before])} after its "
             text += f"last frame; was {protocol.nmt_words(was)}" if was else "last frame"
             if was == protocol.OPERATIONAL:
                 again = f"again after {said.span(back.time - boot.time)}" if back else "not again"
