@@ -27,8 +27,7 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
     """
     worst = verdict.worst
     yield Text(printable(verdict.headline), style=COLOURS[worst] if worst else "bold green")
-    count = ", ".join(f"{count} {severity}" for severity, count in verdict.counts.items() if count)
-    yield f"{heading}; {count}" if count else heading
+    yield f"{heading}; {verdict.count}" if verdict.count else heading
     for number, finding in enumerate(verdict.findings, 1):
         when = f"{finding.time:.3f} s" if timed else f"frame {finding.time:.0f}"
         line = f"  {finding.code}  {when}  {verdict.places[number - 1]}: {finding.text}"

@@ -345,6 +345,8 @@ def test_a_pdo_after_the_next_sync_is_late_and_not_missing():
     heard = sorted(pdos(100, shift=0.0098), key=lambda each: each.timestamp)
     assert [heard[each - 1].arbitration_id for each in its.frames] == [0x185]
     assert found(*pdos(100, shift=0.008)) == []  # before the next SYNC
+    one_after_another = pdos(*range(100, 105), shift=0.0098)  # the last catches up
+    assert found(*one_after_another) == ["pdo-late"]
 
 
 def test_a_pdo_that_ends_is_unresolved_unless_it_was_stopped():

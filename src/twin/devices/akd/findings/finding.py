@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -124,6 +124,15 @@ class Finding:
 def ended(until: float | None) -> Severity:
     """The severity of a problem that is over at a time in s, or, without one, is not."""
     return Severity.UNRESOLVED if until is None else Severity.RECOVERED
+
+
+def count_words(counts: Mapping[Severity, int]) -> str:
+    """How many problems of each severity there are, in words."""
+    return ", ".join(
+        plural(count, "warning") if severity is Severity.WARNING else f"{count} {severity}"
+        for severity, count in counts.items()
+        if count
+    )
 
 
 def plural(count: int, what: str) -> str:

@@ -22,6 +22,8 @@ SHARES = 0.9, 1.1
 """PDOs for each SYNC, at least and at most, of one that comes with each."""
 MISSING_AT_END = 3
 """SYNCs without a PDO, to the end of the trace, after which it has ended."""
+MADE_UP_WITHIN = 10
+"""SYNCs within which a PDO too many makes up for one that is missing."""
 MISSING_IN_A_ROW = 3
 """SYNCs without a PDO in a row that are more than a warning."""
 MIN_TWICE = 3
@@ -120,12 +122,12 @@ def _sorted_out(count: NDArray[np.intp]) -> tuple[list[int], list[int], list[int
 
     Args:
         count: PDOs after each SYNC, shape (K,). More than one make up for SYNCs without one
-            directly before.
+            shortly before.
     """
     missing, late, twice, waiting = list[int](), list[int](), list[int](), list[int]()
     for k in np.flatnonzero(count != 1).tolist():
-        if waiting and k > waiting[-1] + 1:
-            missing, waiting = missing + waiting, []
+        missing += [each for each in waiting if k - each > MADE_UP_WITHIN]
+        waiting = [each for each in waiting if k - each <= MADE_UP_WITHIN]
         surplus = int(count[k]) - 1
         if surplus < 0:
             waiting.append(k)
@@ -134,7 +136,7 @@ def _sorted_out(count: NDArray[np.intp]) -> tuple[list[int], list[int], list[int
             twice.append(k)
         kept = max(len(waiting) - surplus, 0)
         late += waiting[kept:]
-        missing, waiting = missing + waiting[:kept], []
+        waiting = waiting[:kept]
     return missing + waiting, late, twice
 
 

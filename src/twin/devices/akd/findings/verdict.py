@@ -9,7 +9,7 @@ from typing import Any
 
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings import bus, drives, network, pdos, states, transfers
-from twin.devices.akd.findings.finding import Finding, Severity, plural
+from twin.devices.akd.findings.finding import Finding, Severity, count_words, plural
 from twin.devices.akd.observed import BUS, Rhythm, StreamKey
 
 Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]
@@ -63,6 +63,11 @@ class Verdict:
         """The worst severity; None if nothing is wrong."""
         return self.findings[0].severity if self.findings else None
 
+    @property
+    def count(self) -> str:
+        """How many problems there are of each severity, in words."""
+        return count_words(self.counts)
+
     def as_dict(self) -> dict[str, Any]:
         """The verdict for ``--json``."""
         counts = {str(severity): count for severity, count in self.counts.items()}
@@ -107,8 +112,8 @@ def _headline(said: Conversation, findings: list[Finding], counts: dict[Severity
     line += f"; {first.motion}" if first.motion else ""
     others = dict(counts)
     others[first.severity] -= 1
-    more = [f"{count} {severity}" for severity, count in others.items() if count]
-    return line + (f" (and {', '.join(more)})" if more else "")
+    more = count_words(others)
+    return line + (f" (and {more})" if more else "")
 
 
 def _checked(said: Conversation) -> str:
