@@ -12,6 +12,8 @@ from pathlib import Path
 import can
 import pytest
 from command_line import called
+from hypothesis import given
+from hypothesis import strategies as st
 
 from twin.cli.trace_report import verdict_lines
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
@@ -105,6 +107,33 @@ def test_the_page_has_a_row_for_every_code():
     rows = re.findall(r"^\| (`[a-z-]+`(?:, `[a-z-]+`)*) \| .+ \| .+ \|$", PAGE.read_text(), re.M)
     rows = [code for row in rows for code in re.findall("[a-z-]+", row)]
     assert sorted(rows) == sorted(kinds())
+
+
+IDENTIFIERS = (0x000, 0x080, 0x085, 0x185, 0x205, 0x285, 0x585, 0x605, 0x705, 0x706)
+
+
+@given(
+    st.lists(
+        st.builds(
+            can.Message,
+            timestamp=st.floats(0, 5),
+            arbitration_id=st.sampled_from(IDENTIFIERS),
+            is_extended_id=st.just(False),
+            is_error_frame=st.booleans(),
+            is_remote_frame=st.booleans(),
+            is_rx=st.booleans(),
+            data=st.binary(max_size=8),
+        ),
+        min_size=1,
+        max_size=60,
+    ),
+    st.booleans(),
+)
+def test_no_frames_whatever_end_in_an_error(heard, timed):
+    verdict = assess(Conversation(sorted(heard, key=lambda each: each.timestamp), timed=timed))
+    json.dumps(verdict.as_dict(), allow_nan=False)
+    for each in verdict.findings:
+        assert all(1 <= number <= len(heard) for number in each.frames)
 
 
 BLOCKED = frame(1.0, 0x085, "2171010200000000")
