@@ -9,7 +9,6 @@ vendor is known, and positions are angles only where the trace shows what a unit
 from __future__ import annotations
 
 import math
-import struct
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -37,10 +36,22 @@ from twin.devices.akd.observed import (
     Transfer,
 )
 from twin.devices.akd.protocol import Key, Object, mappings, table
+from twin.devices.akd.wire_values import (
+    PROFILE,
+    VENDOR,
+    decode_number,
+    decode_value,
+    error_words_of,
+    find_identities,
+    list_foreign,
+    longest_bits,
+    shown_mask,
+    split_mapping,
+)
 from twin.hal.interface import NOMINAL_PERIOD
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
-ERROR_CODE, FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
+ERROR_CODE, FAULTS = 0x603F, 0x2001
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, ERROR_CODE, 0x1001, 0x60FD}
 """Objects of which every change in a PDO is reported."""
 MODES = (0x6061, 0x6060)
@@ -79,10 +90,6 @@ _NAMING = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
 _OPEN = 50
 """Transfers back in which the request of a late answer is looked for."""
 _UNANSWERED = "unanswered", "no answer"
-_ECHO_S = 0.02
-"""Time in s within which an adapter hands back what it sent."""
-_ECHO_SHARE = 0.5
-"""Share of the frames that it sent which an adapter hands back, if it does."""
 _SHORT_S = 0.2
 """Time in s below which one is given in ms."""
 HOST = "host"
@@ -283,7 +290,7 @@ class Conversation:
         self._long: Counter[int] = Counter()
         self.errors: Counter[str] = Counter()
         """Error frames by what they say."""
-        foreign, echoes = _list_foreign(heard)
+        foreign, echoes = list_foreign(heard)
         self.observed = Observed(foreign=foreign)
         self.echoes = len(echoes)
         """Frames that the adapter handed back to its host; they are left out."""
@@ -303,7 +310,7 @@ class Conversation:
         self._last: dict[object, object] = {}
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
         self._objects: dict[tuple[int, Key], Object] = {}
-        self._there, self._identities = _introduced(heard)
+        self._there, self._identities = find_identities(heard)
         self.bitrate = rig.bus.bitrate if rig else None
         """Bit rate of the bus in bit/s; None if no rig file has it."""
         self.values = _Held(self._known_of)
@@ -311,7 +318,7 @@ class Conversation:
         for self._frame, message in enumerate(heard, 1):
             is_echo, at = self._frame in echoes, message.timestamp - self.begin
             self.observed.times.append(at)
-            self.observed.bits.append(0 if is_echo else _longest_bits(message))
+            self.observed.bits.append(0 if is_echo else longest_bits(message))
             if not is_echo:
                 self._take(message, at)
         for node, left in sorted(self._sdo.items()):
@@ -333,18 +340,18 @@ class Conversation:
 
     def _is_of_sheet(self, node: int) -> bool:
         """Whether the EDS file may describe a node: not if the trace shows a different vendor."""
-        vendor = self._identities.get((node, _VENDOR))
+        vendor = self._identities.get((node, VENDOR))
         return vendor is None or self._names.sheet.vendor in (None, vendor)
 
     def is_akd(self, node: int) -> bool:
         """Whether a node is an AKD: by the rig file, the trace, or the EDS file."""
-        vendor = self._identities.get((node, _VENDOR), self._names.sheet.vendor)
+        vendor = self._identities.get((node, VENDOR), self._names.sheet.vendor)
         return node in self._axes or vendor == AKD
 
     def is_drive(self, node: int) -> bool:
         """Whether a node may be a drive: unless the trace or its file shows a different profile."""
-        default = self._names.sheet.defaults.get(_PROFILE) if self._is_of_sheet(node) else None
-        profile = self._identities.get((node, _PROFILE), default.number if default else None)
+        default = self._names.sheet.defaults.get(PROFILE) if self._is_of_sheet(node) else None
+        profile = self._identities.get((node, PROFILE), default.number if default else None)
         return node in self._axes or profile is None or profile & 0xFFFF in _DRIVES
 
     def _object(self, node: int, key: Key) -> Object:
@@ -449,7 +456,7 @@ class Conversation:
         index, sub = axis_of(key[0])[0], key[1]
         factor, unit = self.scale(node, key)
         of_pdo, maps = index in protocol.PDOS, bool(index & 0x200)
-        text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & _mask(value):X}h)"
+        text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & shown_mask(value):X}h)"
         drive = self.is_drive(node)
         if index == STATUS and drive:
             seen = self._served[node, key[0]]
@@ -469,7 +476,7 @@ class Conversation:
         elif of_pdo and not maps and sub == 1:
             text = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
-            carried, bits = _split_mapping(value)
+            carried, bits = split_mapping(value)
             text = f"{self.object_name(node, carried)}, {bits} bits"
         elif index == FAULTS and sub and value and self.is_akd(node):
             text = protocol.fault_words([value])
@@ -517,7 +524,7 @@ class Conversation:
                 remarks.append(f"not decoded: {counts.total()} frames {kind} ({shown})")
         for node in sorted(self.nodes) if self._names.sheet.objects else ():
             if not self._is_of_sheet(node):
-                vendors = self._names.sheet.vendor or 0, self._identities[node, _VENDOR]
+                vendors = self._names.sheet.vendor or 0, self._identities[node, VENDOR]
                 remarks.append(
                     f"{self.called(node)}: the EDS file is not used: it is of vendor "
                     f"{vendors[0]:X}h, the node of {vendors[1]:X}h"
@@ -552,7 +559,7 @@ class Conversation:
     def _take(self, message: can.Message, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame:
-            what = _error_words(identifier, data)
+            what = error_words_of(identifier, data)
             self.errors[what] += 1
             self.observed.error_frames.append(ErrorFrame(at, self._frame, identifier, what))
             self._say(at, "adapter", "bus", f"error frame: {what}")
@@ -662,7 +669,7 @@ class Conversation:
         """What a PDO of a node carries, as far as it is known now."""
         mapping, values = parameters + 0x200, self.values[number]
         count = values.get((mapping, 0), 0) & 0xFF
-        entries = [_split_mapping(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
+        entries = [split_mapping(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
         name = f"{'T' if parameters >= 0x1800 else 'R'}PDO{(parameters & 0x1FF) + 1}"
         return Pdo(number, name, tuple(entries))
 
@@ -692,7 +699,7 @@ class Conversation:
         packed = int.from_bytes(data, "little")
         for entry in entries:
             raw = packed >> entry.first & (1 << entry.bits) - 1
-            value = _number(entry.type, raw, entry.bits)
+            value = decode_number(entry.type, raw, entry.bits)
             counts = entry.series.counts
             if entry.told and (not counts or counts[-1] != value):
                 self._changed(at, who, pdo, entry.key, int(value))
@@ -915,121 +922,3 @@ def _overlap(one: Gap, other: Gap) -> bool:
     if one.end is None or other.end is None:
         return False
     return one.begin < other.end and other.begin < one.end
-
-
-def decode_value(kind: str, data: bytes) -> int | float | str | bytes:
-    """A value by the type of its object.
-
-    Args:
-        kind: Type of the object, as `Object` has it.
-        data: Its bytes, least first; as many as were sent.
-
-    Returns:
-        A number, text, or the bytes themselves where they are neither. Of an unknown type up to
-        four bytes are a number without sign, more are text if they are nothing else than ASCII.
-    """
-    letter, bits = kind[0], int(kind[1:])
-    bare = data.rstrip(b"\0")
-    if letter == "S":
-        text = _text(bare)
-        return text if text.isprintable() else data
-    if letter in "UI" and not bits and len(data) > 4:
-        return bare.decode("ascii") if bare.isascii() and bare.decode().isprintable() else data
-    if letter == "B" or not data or len(data) > 8:
-        return data
-    return _number(kind, int.from_bytes(data, "little"), 8 * len(data))
-
-
-def _text(data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
-def _number(kind: str, raw: int, sent: int) -> int | float:
-    """A number of a type out of the bits that were sent, which may be more or fewer than its own.
-
-    More bits are left out if they only fill it up: with zeros, or with the sign.
-    """
-    letter, bits = kind[0], int(kind[1:])
-    if letter == "F" and bits == sent:
-        whole = raw.to_bytes(bits // 8, "little")
-        return float(struct.unpack("<f" if bits == 32 else "<d", whole)[0])
-    if letter == "I":
-        above = raw >> bits
-        if bits < sent and above in (0, (1 << sent - bits) - 1):
-            raw, sent = raw & (1 << bits) - 1, bits
-        if raw >> sent - 1:
-            return raw - (1 << sent)
-    return raw
-
-
-def _mask(value: int) -> int:
-    """As many bits as a number is shown with."""
-    return 0xFFFFFFFF if -(1 << 31) <= value < 1 << 32 else (1 << 64) - 1
-
-
-def _introduced(heard: Iterable[can.Message]) -> tuple[set[int], dict[tuple[int, Key], int]]:
-    """Nodes that say anything of themselves; profiles and vendors, by node and object."""
-    there, found = set[int](), dict[tuple[int, Key], int]()
-    for message in heard:
-        service = message.arbitration_id & ~protocol.NODE_MASK
-        if service not in (protocol.HEARTBEAT, protocol.SDO_RESPONSE) or message.is_error_frame:
-            continue
-        node = message.arbitration_id & protocol.NODE_MASK
-        there.add(node)
-        if service == protocol.SDO_RESPONSE:
-            answer = protocol.decode_sdo(bytes(message.data))
-            if answer and answer.data and answer.key in (_PROFILE, _VENDOR) and not answer.aborted:
-                found[node, answer.key] = answer.value
-    return there - {0}, found
-
-
-def _list_foreign(heard: Sequence[can.Message]) -> tuple[list[int], set[int]]:
-    """Numbers of frames that were received with an identifier that the host sends.
-
-    First those of another sender, then those of an adapter that hands back all that it sent.
-    """
-    sent = {(each.arbitration_id, each.is_extended_id) for each in heard if not each.is_rx}
-    newest = dict[tuple[int, bytes], float]()
-    foreign, echoes = list[int](), set[int]()
-    for number, each in enumerate(heard, 1):
-        if (each.arbitration_id, each.is_extended_id) not in sent:
-            continue
-        if each.is_error_frame or each.is_remote_frame:
-            continue
-        key = each.arbitration_id, bytes(each.data)
-        if not each.is_rx:
-            newest[key] = each.timestamp
-        elif each.timestamp - newest.pop(key, -math.inf) > _ECHO_S:
-            foreign.append(number)
-        else:
-            echoes.add(number)
-    handed_back = len(echoes) > _ECHO_SHARE * sum(not each.is_rx for each in heard)
-    return (foreign, echoes) if handed_back else (sorted({*foreign, *echoes}), set())
-
-
-def _longest_bits(message: can.Message) -> int:
-    """Bits of a classic frame with the pause after it, stuffed as badly as can be."""
-    size = 0 if message.is_remote_frame else 8 * len(message.data)
-    fixed, stuffed = (67, 53) if message.is_extended_id else (47, 33)
-    return fixed + size + (stuffed + size) // 4
-
-
-def _error_words(identifier: int, data: bytes) -> str:
-    """An error frame in words; the number of its classes and its bytes if these are not known.
-
-    Classes and bytes are those of SocketCAN.
-    """
-    known = [words for bit, words in table()["bus_errors"].items() if identifier & int(bit, 16)]
-    if identifier & 0x004 and len(data) > 1:
-        more = table()["controller_errors"].items()
-        known += [words for bit, words in more if data[1] & int(bit, 16)]
-    rest = f"{identifier:03X}h {data.hex(' ')}".strip() if identifier or data else "of unknown kind"
-    return ", ".join(known) or rest
-
-
-def _split_mapping(entry: int) -> tuple[Key, int]:
-    """The object that an entry of a mapping names, and its bits."""
-    return (entry >> 16, entry >> 8 & 0xFF), entry & 0xFF
