@@ -580,6 +580,40 @@ def test_what_a_bit_of_the_status_word_warns_of_is_found_by_the_mode(mode, word,
                           mode=mode)) == []  # fmt: skip
 
 
+def test_a_following_error_beyond_the_window_of_the_drive_is_found():
+    window = [*write(0.02, "656000", "64000000"), *read(0.03, "656000", "64000000")]
+    mapping = [*write(0.04, "001a01", "2000f460"), *read(0.05, "001a01", "2000f460")]
+    mapping += [*write(0.06, "001a00", "01000000"), *read(0.07, "001a00", "01000000")]
+    beats = every(0.1, 0.0, 4.0, 0x705, "05")
+    # node 5 is a drive, as its status word is read once
+    status = read(0.08, "416000", "37020000")
+
+    def errors(*counts):
+        return [frame(1.0 + 0.1 * k, 0x185, struct.pack("<i", each).hex())
+                for k, each in enumerate(counts)]  # fmt: skip
+
+    setup = [*window, *mapping, *beats, *status]
+    assert found(*setup, *errors(5, -100, 100)) == []
+    (its,) = assessed(*setup, *errors(5, -101, 3)).findings
+    assert (its.code, its.severity) == ("following-error", Severity.RECOVERED)
+    assert its.text == "following error up to 101, its window is 100"
+    assert one("following-error", *setup, *errors(5, -101)).severity is Severity.UNRESOLVED
+
+
+def test_without_times_nothing_is_late_and_faults_are_found():
+    heard = [*enabled((1, FAULT), (2, ENABLED)), *without(BEATS, 1.0, 2.0)]
+    heard.sort(key=lambda each: each.timestamp)
+    numbered = [
+        frame(float(number), each.arbitration_id, each.data.hex())
+        for number, each in enumerate(heard)
+    ]
+    verdict = assessed(*numbered, timed=False)
+    assert [each.code for each in verdict.findings] == ["drive-fault"]
+    assert verdict.headline.startswith("recovered: node 5 in frame 3")
+    assert "in fault for 3" in verdict.headline
+    assert "frames, then left without a reset" in verdict.headline
+
+
 def test_a_cyclic_mode_that_does_not_follow_is_found_unless_it_never_did():
     follows = (0.5, "3712")
     (its,) = assessed(*enabled(follows, (1, ENABLED), mode=8)).findings

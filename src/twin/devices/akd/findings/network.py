@@ -389,9 +389,13 @@ def _is_reset(said: Conversation, node: int, gap: Gap) -> bool:
 def commanded(
     said: Conversation, node: int, time: float, within: float, commands: Sequence[int]
 ) -> bool:
-    """Whether the host sent a node one of some NMT commands within some s before a time."""
+    """Whether the host sent a node one of some NMT commands within some s before a time.
+
+    Without times it is whether it sent one at all.
+    """
     times = [each.time for each in said.observed.commands]
-    first, last = bisect_left(times, time - within), bisect_right(times, time)
+    earliest = time - within if said.timed else 0.0
+    first, last = bisect_left(times, earliest), bisect_right(times, time)
     return any(
         each.command in commands and each.node in (BUS, node)
         for each in said.observed.commands[first:last]

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import AXIS_OFFSET, MODES, STATUS, Conversation
 from twin.devices.akd.findings.drives import FAULTY, Axis, Span, axes, rising
@@ -26,6 +28,8 @@ FOLLOW_S = 0.1
 """Time in s for which a drive may not follow its cyclic command."""
 WORKS_ON_S = 0.5
 """Time in s for which a drive stays enabled after an emergency that is only a warning."""
+FOLLOWING_ERROR, FOLLOWING_WINDOW, NO_WINDOW = 0x60F4, 0x6065, 0xFFFF_FFFF
+"""The following error of an axis, its window, and the value that means no window."""
 NEW_SETPOINT = 1 << 4
 """Bit of the control word: a new set-point, or the start of homing."""
 PROFILE_POSITION, HOMING, CYCLIC = 1, 6, (8, 9, 10)
@@ -255,6 +259,34 @@ def _times(
             found = None
     if found is not None:
         yield found[0], None, found[1]
+
+
+def find_following_errors(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+    """Following errors in PDOs that leave the window of the drive, which the trace has."""
+    flagged = {(each.node, each.axis) for each in known if each.code == "following-error"}
+    for axis in axes(said):
+        offset = (axis.number - 1) * AXIS_OFFSET
+        window = said.values[axis.node].get((FOLLOWING_WINDOW + offset, 0))
+        series = said.series.get((axis.node, (FOLLOWING_ERROR + offset, 0)))
+        if not window or window == NO_WINDOW or series is None:
+            continue
+        outside = np.flatnonzero(np.abs(np.asarray(series.counts, float)) > window)
+        if not len(outside) or (axis.node, axis.number) in flagged:
+            continue
+        last = int(outside[-1]) + 1
+        until = series.time[last] if last < len(series.time) else None
+        worst = max(abs(series.counts[int(k)]) for k in outside)
+        begin = series.time[int(outside[0])]
+        yield Finding(
+            code="following-error",
+            severity=ended(until),
+            time=begin,
+            until=until,
+            node=axis.node,
+            axis=axis.number,
+            text=f"following error up to {worst}, its window is {window}",
+            frames=(int(np.searchsorted(said.observed.times, begin)) + 1,),
+        )
 
 
 def find_missed_targets(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:

@@ -30,6 +30,7 @@ FINDERS: tuple[Find, ...] = (
     states.find_ignored_commands,
     states.find_wrong_modes,
     states.find_flags,
+    states.find_following_errors,
     states.find_missed_targets,
     states.find_emergencies,
     pdos.find_missing_pdos,
