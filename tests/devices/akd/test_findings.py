@@ -697,9 +697,9 @@ def test_a_frame_of_the_host_that_somebody_else_sends_means_two_hosts():
     (its,) = assessed(*own, *echoed, *BEATS, frame(1.5005, 0x080)).findings
     assert (its.code, its.time) == ("two-hosts", pytest.approx(1.5005, abs=0.001))
     heard = sorted([*own, *echoed, *BEATS], key=lambda each: each.timestamp)
-    told = Conversation(heard)
-    assert told.remarks() == ["left out: 300 frames that the adapter handed back"]
-    assert len(told.sync) == 300
+    conversation = Conversation(heard)
+    assert conversation.remarks() == ["left out: 300 frames that the adapter handed back"]
+    assert len(conversation.sync) == 300
 
 
 def test_sync_of_two_senders_is_seen_without_directions():

@@ -22,7 +22,7 @@ BUS_OFF = 0x40
 ANSWER_S = 0.1
 """Time in s that a node has to answer a guard request."""
 MIN_PAIRS = 5
-"""Frames in a row by which two senders of the same identifier are told from one."""
+"""Frames in a row by which two senders of the same identifier are distinguished from one."""
 PAIR_SHARE = 1.3
 """Usual pauses within which the next but one comes if there are two senders."""
 UNEVEN_SHARE, CLOSE_SHARE, REGULAR_SHARE = 0.6, 0.2, 0.1
@@ -31,13 +31,13 @@ sender is not known and where it is, and difference of sums at most, as shares o
 _HOST_ALONE = "another sender has an identifier of the host"
 
 
-def find_error_frames(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_error_frames(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Error frames: bus off, and all others."""
-    errors = said.observed.error_frames
+    errors = trace.observed.error_frames
     off = [each for each in errors if each.classes & BUS_OFF]
     if off:
-        devices = [node for node, its in said.nodes.items() if its.frames.keys() - {"heartbeat"}]
-        later = (said.observed.sent_by[node].time for node in devices)
+        devices = [node for node, its in trace.nodes.items() if its.frames.keys() - {"heartbeat"}]
+        later = (trace.observed.sent_by[node].time for node in devices)
         again = [each for each in later if each and each[-1] > off[-1].time]
         yield Finding(
             code="bus-off",
@@ -59,23 +59,23 @@ def find_error_frames(said: Conversation, _: Sequence[Finding]) -> Iterator[Find
         )
 
 
-def find_other_hosts(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_other_hosts(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Frames of the host that somebody else sends, too; SYNC and heartbeats of two senders."""
-    foreign = said.observed.foreign
+    foreign = trace.observed.foreign
     if foreign:
         yield Finding(
             code="two-hosts",
             severity=Severity.UNRESOLVED,
-            time=said.observed.times[foreign[0] - 1],
+            time=trace.observed.times[foreign[0] - 1],
             text=f"{_HOST_ALONE}, {plural(len(foreign), 'frame')}",
             frames=tuple(foreign),
         )
-    for stream, its in said.observed.streams.items():
+    for stream, its in trace.observed.streams.items():
         sync = stream == StreamKey(BUS, "SYNC")
-        if not said.timed or not (sync or stream.name == "heartbeat"):
+        if not trace.timed or not (sync or stream.name == "heartbeat"):
             continue
-        rhythm = said.observed.rhythms.get(stream)
-        given = said.values[stream.node].get((0x1017, 0), 0) / 1e3 if stream.node else 0.0
+        rhythm = trace.observed.rhythms.get(stream)
+        given = trace.values[stream.node].get((0x1017, 0), 0) / 1e3 if stream.node else 0.0
         usual = max(given, rhythm.usual if rhythm else 0.0)
         place = first_of_two(np.asarray(its.time), usual)
         if place is None or (sync and foreign):
@@ -121,25 +121,25 @@ def first_of_two(time: Array, usual: float) -> int | None:
     return None
 
 
-def find_high_load(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_high_load(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """A bus that is nearly full, where its bit rate is known."""
-    if said.bitrate is None or not said.timed:
+    if trace.bitrate is None or not trace.timed:
         return
-    begin, load = busiest(said)
-    if load > HIGH_LOAD * said.bitrate:
+    begin, load = busiest(trace)
+    if load > HIGH_LOAD * trace.bitrate:
         yield Finding(
             code="bus-load",
             severity=Severity.WARNING,
             time=begin,
-            text=f"up to {100 * load / said.bitrate:.0f} % of {said.bitrate} bit/s are taken "
-            f"within {said.span(LOAD_WINDOW_S)}",
-            frames=(int(np.searchsorted(said.observed.times, begin)) + 1,),
+            text=f"up to {100 * load / trace.bitrate:.0f} % of {trace.bitrate} bit/s are taken "
+            f"within {trace.span(LOAD_WINDOW_S)}",
+            frames=(int(np.searchsorted(trace.observed.times, begin)) + 1,),
         )
 
 
-def busiest(said: Conversation) -> tuple[float, float]:
+def busiest(trace: Conversation) -> tuple[float, float]:
     """When the bus is busiest, s, and its load then in bit/s, stuffed as badly as can be."""
-    times, bits = np.asarray(said.observed.times), np.asarray(said.observed.bits)
+    times, bits = np.asarray(trace.observed.times), np.asarray(trace.observed.bits)
     windows = np.floor(times / LOAD_WINDOW_S + 1e-6).astype(int)
     loads = np.bincount(windows, weights=bits)
     if len(loads) > 1:
@@ -148,13 +148,13 @@ def busiest(said: Conversation) -> tuple[float, float]:
     return place * LOAD_WINDOW_S, float(loads[place]) / LOAD_WINDOW_S
 
 
-def find_guarding(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_guarding(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Guard requests that a node does not answer, and toggle bits that do not alternate."""
-    for node, guards in said.observed.guards.items():
-        life = said.observed.life.get(node, [])
+    for node, guards in trace.observed.guards.items():
+        life = trace.observed.life.get(node, [])
         times = [each.time for each in life]
         unanswered, answers = list[int](), dict[int, int]()
-        ends = [*guards.time[1:], said.duration]
+        ends = [*guards.time[1:], trace.duration]
         for k, (begin, end) in enumerate(zip(guards.time, ends, strict=True)):
             after = int(np.searchsorted(times, begin, side="right"))
             if after < len(times) and times[after] <= end:

@@ -63,12 +63,12 @@ class Axis(NamedTuple):
         return rising(self.controls, protocol.RESET)
 
 
-def axes(said: Conversation) -> list[Axis]:
+def axes(trace: Conversation) -> list[Axis]:
     """The axes of all drives of a trace."""
     found = []
-    for (node, (index, sub)), changes in list(said.observed.changes.items()):
+    for (node, (index, sub)), changes in list(trace.observed.changes.items()):
         number, offset = divmod(index - STATUS, AXIS_OFFSET)
-        if offset or sub or not said.is_drive(node):
+        if offset or sub or not trace.is_drive(node):
             continue
         spans = list[Span]()
         for each in changes:
@@ -78,25 +78,25 @@ def axes(said: Conversation) -> list[Axis]:
             if spans:
                 spans[-1] = spans[-1]._replace(end=each.time)
             spans.append(Span(state, each.time, None, each.frame, each.value))
-        controls = said.observed.changes.get((node, (CONTROL + number * AXIS_OFFSET, 0)), [])
+        controls = trace.observed.changes.get((node, (CONTROL + number * AXIS_OFFSET, 0)), [])
         found.append(Axis(node, number + 1, spans, controls))
     return found
 
 
-def find_faults(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_faults(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Drives in fault, and resets without effect."""
-    for axis in axes(said):
+    for axis in axes(trace):
         for k, first in enumerate(axis.spans):
             if first.state not in FAULTY or (k and axis.spans[k - 1].state in FAULTY):
                 continue
             rest = axis.spans[k:]
             after = next((each for each in rest if each.state not in FAULTY), None)
-            yield from _fault(said, axis, first, after.begin if after else None)
+            yield from _fault(trace, axis, first, after.begin if after else None)
 
 
-def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> Iterator[Finding]:
+def _fault(trace: Conversation, axis: Axis, first: Span, until: float | None) -> Iterator[Finding]:
     """A fault of an axis, and the resets without effect during it."""
-    end = said.duration if until is None else until
+    end = trace.duration if until is None else until
     resets = [each for each in axis.resets if first.begin <= each.time <= end + ANSWER_FIRST_S]
     worked = [each for each in resets if until is not None and until - each.time < RESET_S][-1:]
     failed = [
@@ -105,12 +105,12 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
         if each not in worked and (k + 1 < len(resets) or each.time + RESET_S < end)
     ]
     earliest = first.begin - REPORT_BEFORE_S if first is not axis.spans[0] else 0.0
-    reported = list(_reports(said, axis, earliest, first.begin, end))
+    reported = list(_reports(trace, axis, earliest, first.begin, end))
     texts = list(dict.fromkeys(each.text for each in reported))
     texts = [each for each in texts if not any(each in other for other in texts if other != each)]
     words = "; ".join(texts) or "no cause reported"
     code = next((each.code for each in reported if each.code), 0)
-    lasted = said.span(end - first.begin)
+    lasted = trace.span(end - first.begin)
     known = "in fault" if first is not axis.spans[0] else "already in fault when first seen"
     if until is None:
         how = f"{known} to the end of the trace, for {lasted}"
@@ -128,11 +128,11 @@ def _fault(said: Conversation, axis: Axis, first: Span, until: float | None) -> 
         node=axis.node,
         axis=axis.number,
         text=f"{how}: {words}",
-        motion=coasting(said, axis.node, axis.number, first.begin, end),
+        motion=coasting(trace, axis.node, axis.number, first.begin, end),
         frames=tuple(sorted(set(frames))),
         seen=causes_of_error(code),
     )
-    if failed and said.timed:
+    if failed and trace.timed:
         yield Finding(
             code="reset-failed",
             severity=ended(until),
@@ -159,32 +159,32 @@ class Report(NamedTuple):
 
 
 def _reports(
-    said: Conversation, axis: Axis, soon: float, begin: float, end: float
+    trace: Conversation, axis: Axis, soon: float, begin: float, end: float
 ) -> Iterator[Report]:
     """What a drive reports of a fault between two times in s, from some time before on."""
     late = min(begin + REPORT_AFTER_S, end)
-    for each in said.observed.emergencies:
+    for each in trace.observed.emergencies:
         if each.node == axis.node and each.code and soon <= each.time <= late:
             yield Report(each.words, each.code, each.frame)
     key = ERROR_CODE + (axis.number - 1) * AXIS_OFFSET, 0
-    for code in said.observed.changes.get((axis.node, key), ()):
+    for code in trace.observed.changes.get((axis.node, key), ()):
         if code.value and soon <= code.time <= end:
-            yield Report(said.words(axis.node, key, code.value), code.value, code.frame)
-    for transfer in said.observed.transfers:
+            yield Report(trace.words(axis.node, key, code.value), code.value, code.frame)
+    for transfer in trace.observed.transfers:
         read = transfer.good and not transfer.writes and transfer.key[0] == FAULTS
         if read and transfer.node == axis.node and soon <= transfer.begin <= end:
-            number = transfer.value if transfer.key[1] and said.is_akd(axis.node) else None
+            number = transfer.value if transfer.key[1] and trace.is_akd(axis.node) else None
             if number:
                 yield Report(protocol.fault_words([number]), 0, transfer.frames[-1])
 
 
-def has_torque(said: Conversation, time: float, node: int = BUS) -> bool:
+def has_torque(trace: Conversation, time: float, node: int = BUS) -> bool:
     """Whether a drive is enabled at a time in s.
 
     Args:
-        said: The trace.
+        trace: The trace.
         time: The time.
         node: Which drive; ``BUS`` for any.
     """
-    spans = (axis.span_at(time) for axis in axes(said) if node in (BUS, axis.node))
+    spans = (axis.span_at(time) for axis in axes(trace) if node in (BUS, axis.node))
     return any(each is not None and each.state is DriveState.OPERATION_ENABLED for each in spans)

@@ -20,22 +20,22 @@ STILL_SHARE = 0.02
 """Share of the way on which an axis counts as standing."""
 
 
-def coasting(said: Conversation, node: int, axis: int, begin: float, end: float) -> str:
+def coasting(trace: Conversation, node: int, axis: int, begin: float, end: float) -> str:
     """How an axis moved on after a problem, in words; empty where no PDO shows its position.
 
     The plate's encoder is taken where a rig file names it, else the position of the axis.
 
     Args:
-        said: The trace.
+        trace: The trace.
         node: The drive.
         axis: Its axis, 1 for the first.
         begin: When the problem began, s.
         end: When it was over, s.
     """
-    plate = said.plate_object(node) if axis == 1 else None
+    plate = trace.plate_object(node) if axis == 1 else None
     own = (PLACE + (axis - 1) * AXIS_OFFSET, 0)
     for name, key in (("plate", plate), ("axis", own)):
-        series = said.series.get((node, key)) if key else None
+        series = trace.series.get((node, key)) if key else None
         if series is None or key is None:
             continue
         time = np.asarray(series.time)
@@ -49,16 +49,16 @@ def coasting(said: Conversation, node: int, axis: int, begin: float, end: float)
         farthest = float(moved[np.abs(moved).argmax()])
         if abs(farthest) <= STILL_COUNTS:
             return f"the {name} did not move"
-        factor, unit = said.scale(node, key)
+        factor, unit = trace.scale(node, key)
         way = f"{abs(farthest):.0f} counts"
         if unit == "rad":
             way = f"{math.degrees(abs(farthest * factor)):.3g} deg"
         moving = np.abs(moved - moved[-1]) > max(STILL_COUNTS, STILL_SHARE * abs(farthest))
         rest = int(np.flatnonzero(moving)[-1]) + 1 if moving.any() else 0
         if rest >= len(moved) - 2:
-            still = said.span(float(passed[-1]))
+            still = trace.span(float(passed[-1]))
             return f"the {name} moved on by {way}, and still moved {still} later"
         stood = float(passed[rest])
-        when = "at once" if stood < AT_ONCE_S else f"after {said.span(stood)}"
+        when = "at once" if stood < AT_ONCE_S else f"after {trace.span(stood)}"
         return f"the {name} coasted {way}, and stood {when}"
     return ""

@@ -43,28 +43,28 @@ _HEARTBEAT, _SYNC = "heartbeat", StreamKey(BUS, "SYNC")
 _OF_THE_BUS = ("trace-gap",)
 
 
-def find_pauses_of_the_bus(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_pauses_of_the_bus(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Times without a frame of anybody."""
-    pauses = np.diff(said.observed.times)
-    if not said.timed or len(pauses) < LOST_SYNCS:
+    pauses = np.diff(trace.observed.times)
+    if not trace.timed or len(pauses) < LOST_SYNCS:
         return
-    slowest = max((each.usual for each in said.observed.rhythms.values()), default=0.0)
+    slowest = max((each.usual for each in trace.observed.rhythms.values()), default=0.0)
     usual = float(np.quantile(pauses, 0.99))
     for k in np.flatnonzero(pauses > max(PAUSE_S, PAUSE_FACTOR * usual, PAUSE_RHYTHMS * slowest)):
-        begin, end = said.observed.times[k], said.observed.times[k + 1]
+        begin, end = trace.observed.times[k], trace.observed.times[k + 1]
         yield Finding(
             code="trace-gap",
             severity=Severity.WARNING,
             time=begin,
             until=end,
-            text=f"no frame of anybody for {said.span(end - begin)}",
+            text=f"no frame of anybody for {trace.span(end - begin)}",
             frames=(int(k) + 1, int(k) + 2),
         )
 
 
-def find_silent_nodes(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_silent_nodes(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Nodes that are addressed and never send a frame."""
-    seen = said.observed
+    seen = trace.observed
     asked: dict[int, list[tuple[float, int]]] = {}
     for transfer in seen.transfers:
         asked.setdefault(transfer.node, []).append((transfer.begin, transfer.frames[0]))
@@ -78,8 +78,8 @@ def find_silent_nodes(said: Conversation, _: Sequence[Finding]) -> Iterator[Find
         for node, times in sorted(asked.items())
         if node != BUS and not seen.sent_by[node].time
     }
-    if said.timed:
-        silent = {n: its for n, its in silent.items() if said.duration - its[0][0] >= ANSWER_S}
+    if trace.timed:
+        silent = {n: its for n, its in silent.items() if trace.duration - its[0][0] >= ANSWER_S}
     others = {each.node for each in seen.transfers if each.key[0] not in IDENTITY}
     others |= {each.node for each in seen.commands}
     others |= {each.node for each in seen.streams}
@@ -107,26 +107,26 @@ def find_silent_nodes(said: Conversation, _: Sequence[Finding]) -> Iterator[Find
         )
 
 
-def find_boot_ups(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_boot_ups(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Nodes that boot in the middle, without a command or with torque; since their last frame."""
-    for node, changes in said.observed.network.items():
-        times, frames = said.observed.sent_by[node]
+    for node, changes in trace.observed.network.items():
+        times, frames = trace.observed.sent_by[node]
         for k, boot in enumerate(changes):
             before = bisect_left(frames, boot.frame) - 1
             if boot.value != _BOOT_UP or before < 0:
                 continue
             how = "without a command"
-            if commanded(said, node, boot.time, RESET_S, _RESETS):
+            if commanded(trace, node, boot.time, RESET_S, _RESETS):
                 how = "by a command, while it had torque"
-                if not has_torque(said, times[before], node):
+                if not has_torque(trace, times[before], node):
                     continue
             was = changes[k - 1].value if k else None
             back = next((each for each in changes[k + 1 :] if each.value == was), None)
             good = was != protocol.OPERATIONAL or back is not None
-            text = f"booted {how}, {said.span(boot.time - times[before])} after its "
+            text = f"booted {how}, {trace.span(boot.time - times[before])} after its "
             text += f"last frame; was {protocol.nmt_words(was)}" if was else "last frame"
             if was == protocol.OPERATIONAL:
-                again = f"again after {said.span(back.time - boot.time)}" if back else "not again"
+                again = f"again after {trace.span(back.time - boot.time)}" if back else "not again"
                 text += f", and {again}"
             yield Finding(
                 code="boot-up",
@@ -139,34 +139,34 @@ def find_boot_ups(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]
             )
 
 
-def find_lost_nodes(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_lost_nodes(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Nodes of which nothing comes for a time, and heartbeats that are lost or late."""
     lost = list[Finding]()
-    streams = sorted(said.observed.rhythms, key=lambda each: each.name != _HEARTBEAT)
+    streams = sorted(trace.observed.rhythms, key=lambda each: each.name != _HEARTBEAT)
     for stream in streams:
         if not stream.node or (stream.name != _HEARTBEAT and stream.name[0] != "T"):
             continue
         pauses = LOST_PAUSES if stream.name == _HEARTBEAT else LOST_SYNCS
-        for gap in said.observed.rhythms[stream].long(pauses):
+        for gap in trace.observed.rhythms[stream].long(pauses):
             codes = ("node-lost", "bus-lost", "boot-up", *_OF_THE_BUS)
-            silence = _silence(said, stream.node, gap)
-            if silence is None or _is_reset(said, stream.node, silence):
+            silence = _silence(trace, stream.node, gap)
+            if silence is None or _is_reset(trace, stream.node, silence):
                 continue
             if is_explained([*known, *lost], codes, stream.node, gap.begin):
                 continue
-            lost.append(_lost_node(said, stream, silence))
-    lost = [each for each in _joined(said, lost) if not _left_in_order(said, each)]
+            lost.append(_lost_node(trace, stream, silence))
+    lost = [each for each in _joined(trace, lost) if not _left_in_order(trace, each)]
     yield from lost
     for stream in streams:
         if stream.name == _HEARTBEAT:
-            yield from _heartbeats(said, stream, [*known, *lost])
+            yield from _heartbeats(trace, stream, [*known, *lost])
 
 
-def _joined(said: Conversation, lost: list[Finding]) -> list[Finding]:
+def _joined(trace: Conversation, lost: list[Finding]) -> list[Finding]:
     """Losses of nodes; those of all nodes but the host at the same time are one of the bus."""
-    devices = {number for number, node in said.nodes.items() if node.frames.keys() - {_HEARTBEAT}}
+    devices = {number for number, node in trace.nodes.items() if node.frames.keys() - {_HEARTBEAT}}
     fastest: dict[int, float] = {}
-    for stream, rhythm in said.observed.rhythms.items():
+    for stream, rhythm in trace.observed.rhythms.items():
         fastest[stream.node] = min(rhythm.usual, fastest.get(stream.node, rhythm.usual))
     apart = KNOWN_BEFORE_S + max((fastest.get(each, 0.0) for each in devices), default=0.0)
     together = list[Finding]()
@@ -178,11 +178,11 @@ def _joined(said: Conversation, lost: list[Finding]) -> list[Finding]:
     if not together:
         return lost
     first = min(together, key=lambda each: each.time)
-    names = " and ".join(said.called(node) for node in sorted({each.node for each in together}))
+    names = " and ".join(trace.called(node) for node in sorted({each.node for each in together}))
     untils = [each.until for each in together if each.until is not None]
     until = max(untils) if len(untils) == len(together) else None
     when = "to the end of the trace, " if until is None else ""
-    lasted = said.span((until or said.duration) - first.time)
+    lasted = trace.span((until or trace.duration) - first.time)
     bus = Finding(
         code="bus-lost",
         severity=ended(until),
@@ -198,11 +198,11 @@ def _joined(said: Conversation, lost: list[Finding]) -> list[Finding]:
     ]
 
 
-def _lost_node(said: Conversation, stream: StreamKey, silence: Gap) -> Finding:
+def _lost_node(trace: Conversation, stream: StreamKey, silence: Gap) -> Finding:
     """A node is silent for a time, as a regular stream of it shows."""
-    lasted = said.span((silence.end or said.duration) - silence.begin)
+    lasted = trace.span((silence.end or trace.duration) - silence.begin)
     when = "to the end of the trace, " if silence.end is None else ""
-    usual = said.span(said.observed.rhythms[stream].usual)
+    usual = trace.span(trace.observed.rhythms[stream].usual)
     return Finding(
         code="node-lost",
         severity=ended(silence.end),
@@ -214,9 +214,9 @@ def _lost_node(said: Conversation, stream: StreamKey, silence: Gap) -> Finding:
     )
 
 
-def _silence(said: Conversation, node: int, gap: Gap) -> Gap | None:
+def _silence(trace: Conversation, node: int, gap: Gap) -> Gap | None:
     """The silence of a node around a gap of one of its streams; None if it sends something else."""
-    times, frames = said.observed.sent_by[node]
+    times, frames = trace.observed.sent_by[node]
     last = bisect_right(times, gap.begin)
     after = times[last] if last < len(times) else None
     if after is not None and (gap.end is None or after < gap.end):
@@ -224,32 +224,32 @@ def _silence(said: Conversation, node: int, gap: Gap) -> Gap | None:
     return Gap(gap.begin, after, frames[last - 1])
 
 
-def _left_in_order(said: Conversation, lost: Finding) -> bool:
+def _left_in_order(trace: Conversation, lost: Finding) -> bool:
     """Whether a node that is lost to the end is the host, which ends while no drive has torque."""
-    if not lost.node or lost.until is not None or has_torque(said, lost.time):
+    if not lost.node or lost.until is not None or has_torque(trace, lost.time):
         return False
-    if said.nodes[lost.node].frames.keys() - {_HEARTBEAT}:
+    if trace.nodes[lost.node].frames.keys() - {_HEARTBEAT}:
         return False
-    host = [its.time[-1] for key, its in said.observed.streams.items() if key.name[0] in "RS"]
-    return bool(host) and max(host) < said.duration - ANSWER_S
+    host = [its.time[-1] for key, its in trace.observed.streams.items() if key.name[0] in "RS"]
+    return bool(host) and max(host) < trace.duration - ANSWER_S
 
 
 def _heartbeats(
-    said: Conversation, stream: StreamKey, known: Sequence[Finding]
+    trace: Conversation, stream: StreamKey, known: Sequence[Finding]
 ) -> Iterator[Finding]:
     """Heartbeats that are lost or late while the node sends other frames."""
-    rhythm = said.observed.rhythms[stream]
+    rhythm = trace.observed.rhythms[stream]
     codes = ("node-lost", "bus-lost", "boot-up", *_OF_THE_BUS)
     gaps = [
         each
         for each in rhythm.gaps
         if not is_explained(known, codes, stream.node, each.begin)
         and not (each.end and is_explained(known, codes, stream.node, each.end))
-        and not _is_reset(said, stream.node, each)
+        and not _is_reset(trace, stream.node, each)
     ]
     lost = [each for each in rhythm.long(LOST_PAUSES) if each in gaps]
     late = [each for each in gaps if each not in lost]
-    usual = f"usually every {said.span(rhythm.usual)}"
+    usual = f"usually every {trace.span(rhythm.usual)}"
     over, to_the_end = (
         [each for each in lost if (each.end is None) is end] for end in (False, True)
     )
@@ -257,12 +257,12 @@ def _heartbeats(
     for code, its in found:
         if not its:
             continue
-        lengths = [(each.end or said.duration) - each.begin for each in its]
+        lengths = [(each.end or trace.duration) - each.begin for each in its]
         last = its[-1].end
         often = "to the end of the trace, " if last is None else ""
         often += f"{len(its)} times, at worst " if len(its) > 1 else ""
-        text = f"no heartbeat {often}for {said.span(max(lengths))}"
-        watch = _watched(said, stream.node, max(lengths))
+        text = f"no heartbeat {often}for {trace.span(max(lengths))}"
+        watch = _watched(trace, stream.node, max(lengths))
         yield Finding(
             code=code,
             severity=Severity.WARNING if code == "heartbeat-late" else ended(last),
@@ -274,11 +274,11 @@ def _heartbeats(
         )
 
 
-def _watched(said: Conversation, node: int, silence: float) -> str:
+def _watched(trace: Conversation, node: int, silence: float) -> str:
     """Who watches a node and allows a shorter silence, in words."""
     limits = [
         f"node {watcher} allows {value & 0xFFFF} ms"
-        for watcher, values in sorted(said.values.items())
+        for watcher, values in sorted(trace.values.items())
         for (index, sub), value in values.items()
         if index == protocol.CONSUMER_HEARTBEAT and sub and value >> 16 & 0x7F == node
         if 0 < value & 0xFFFF < 1e3 * silence
@@ -286,13 +286,13 @@ def _watched(said: Conversation, node: int, silence: float) -> str:
     return f"; {', '.join(limits)}" if limits else ""
 
 
-def find_wrong_network_states(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Nodes that leave the operational state without a command, or do not follow a start."""
-    for node, changes in said.observed.network.items():
+    for node, changes in trace.observed.network.items():
         for before, now in pairwise(changes):
             if before.value != protocol.OPERATIONAL or now.value == _BOOT_UP:
                 continue
-            if commanded(said, node, now.time, OBEY_S, LEAVING):
+            if commanded(trace, node, now.time, OBEY_S, LEAVING):
                 continue
             if is_explained(known, ("boot-up",), node, now.time):
                 continue
@@ -308,21 +308,21 @@ def find_wrong_network_states(said: Conversation, known: Sequence[Finding]) -> I
                 text=f"left operational without a command, is {protocol.nmt_words(now.value)}",
                 frames=(now.frame, back.frame) if back else (now.frame,),
             )
-    yield from _ignored_starts(said)
+    yield from _ignored_starts(trace)
 
 
-def _ignored_starts(said: Conversation) -> Iterator[Finding]:
+def _ignored_starts(trace: Conversation) -> Iterator[Finding]:
     """Starts that a node with heartbeats does not follow."""
-    for k, command in enumerate(said.observed.commands):
-        if command.command != protocol.START or not said.timed:
+    for k, command in enumerate(trace.observed.commands):
+        if command.command != protocol.START or not trace.timed:
             continue
-        for node, changes in said.observed.network.items():
-            rhythm = said.observed.rhythms.get(StreamKey(node, _HEARTBEAT))
+        for node, changes in trace.observed.network.items():
+            rhythm = trace.observed.rhythms.get(StreamKey(node, _HEARTBEAT))
             if command.node not in (BUS, node) or rhythm is None:
                 continue
             limit = command.time + OBEY_S + LOST_PAUSES * rhythm.usual
-            later = [each for each in said.observed.commands[k + 1 :] if each.node in (BUS, node)]
-            if limit > min([said.duration, *(each.time for each in later)]):
+            later = [each for each in trace.observed.commands[k + 1 :] if each.node in (BUS, node)]
+            if limit > min([trace.duration, *(each.time for each in later)]):
                 continue
             states = [each for each in changes if each.time <= limit]
             started = any(each.value == protocol.OPERATIONAL for each in states[-1:]) or any(
@@ -344,20 +344,20 @@ def _ignored_starts(said: Conversation) -> Iterator[Finding]:
             )
 
 
-def find_late_sync(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_late_sync(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """SYNC that is lost, or late."""
-    rhythm = said.observed.rhythms.get(_SYNC)
+    rhythm = trace.observed.rhythms.get(_SYNC)
     if rhythm is None:
         return
     gaps = [each for each in rhythm.gaps if not is_explained(known, _OF_THE_BUS, BUS, each.begin)]
     lost = [each for each in rhythm.long(LOST_SYNCS) if each in gaps]
-    usual = f"usually every {said.span(rhythm.usual)}"
+    usual = f"usually every {trace.span(rhythm.usual)}"
     for gap in lost:
-        if gap.end is None and not has_torque(said, gap.begin):
+        if gap.end is None and not has_torque(trace, gap.begin):
             continue  # the host ends, as it may
-        lasted = said.span((gap.end or said.duration) - gap.begin)
+        lasted = trace.span((gap.end or trace.duration) - gap.begin)
         when = "to the end of the trace, " if gap.end is None else ""
-        torque = ", while a drive has torque" if has_torque(said, gap.begin) else ""
+        torque = ", while a drive has torque" if has_torque(trace, gap.begin) else ""
         yield Finding(
             code="sync-lost",
             severity=ended(gap.end),
@@ -368,7 +368,7 @@ def find_late_sync(said: Conversation, known: Sequence[Finding]) -> Iterator[Fin
         )
     late = [each for each in gaps if each not in lost and each.end is not None]
     if late:
-        worst = said.span(max((each.end or each.begin) - each.begin for each in late))
+        worst = trace.span(max((each.end or each.begin) - each.begin for each in late))
         yield Finding(
             code="sync-late",
             severity=Severity.WARNING,
@@ -379,24 +379,24 @@ def find_late_sync(said: Conversation, known: Sequence[Finding]) -> Iterator[Fin
         )
 
 
-def _is_reset(said: Conversation, node: int, gap: Gap) -> bool:
+def _is_reset(trace: Conversation, node: int, gap: Gap) -> bool:
     """Whether a node came back after a gap in which it was reset."""
     if gap.end is None:
         return False
-    return commanded(said, node, gap.end, gap.end - gap.begin, _RESETS)
+    return commanded(trace, node, gap.end, gap.end - gap.begin, _RESETS)
 
 
 def commanded(
-    said: Conversation, node: int, time: float, within: float, commands: Sequence[int]
+    trace: Conversation, node: int, time: float, within: float, commands: Sequence[int]
 ) -> bool:
     """Whether the host sent a node one of some NMT commands within some s before a time.
 
     Without times it is whether it sent one at all.
     """
-    times = [each.time for each in said.observed.commands]
-    earliest = time - within if said.timed else 0.0
+    times = [each.time for each in trace.observed.commands]
+    earliest = time - within if trace.timed else 0.0
     first, last = bisect_left(times, earliest), bisect_right(times, time)
     return any(
         each.command in commands and each.node in (BUS, node)
-        for each in said.observed.commands[first:last]
+        for each in trace.observed.commands[first:last]
     )

@@ -51,10 +51,10 @@ class Cycles(NamedTuple):
     later: int
 
 
-def cycles(said: Conversation, stream: StreamKey) -> Cycles | None:
+def cycles(trace: Conversation, stream: StreamKey) -> Cycles | None:
     """A stream by SYNCs, in the order of the frames; None if it does not come with each SYNC."""
-    syncs, its = said.observed.streams[StreamKey(BUS, "SYNC")], said.observed.streams[stream]
-    if min(len(syncs.time), len(its.time)) < MIN_SYNCS or not said.timed:
+    syncs, its = trace.observed.streams[StreamKey(BUS, "SYNC")], trace.observed.streams[stream]
+    if min(len(syncs.time), len(its.time)) < MIN_SYNCS or not trace.timed:
         return None
     place = np.searchsorted(np.asarray(syncs.frame), np.asarray(its.frame)) - 1
     known = place >= 0
@@ -64,7 +64,7 @@ def cycles(said: Conversation, stream: StreamKey) -> Cycles | None:
     first, last = int(place[0]), int(place[-1])
     count = np.bincount(place - first, minlength=last - first + 1)
     index = (0x1800 if stream.name[0] == "T" else 0x1400) + int(stream.name[4:]) - 1
-    kind = said.values[stream.node].get((index, 2))
+    kind = trace.values[stream.node].get((index, 2))
     share = len(place) / len(count)
     each = SHARES[0] <= share <= SHARES[1] if kind is None else kind == AT_EVERY_SYNC
     if not each:
@@ -75,13 +75,13 @@ def cycles(said: Conversation, stream: StreamKey) -> Cycles | None:
     return Cycles(sync[first : last + 1], count, delay, period, len(sync) - 1 - last)
 
 
-def find_missing_pdos(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_missing_pdos(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """PDOs that are missing, late or twice for their SYNC, and those that ended.
 
     What several PDOs of a node have at the same time is one finding.
     """
     joined: dict[tuple[object, ...], Finding] = {}
-    for each in _of_streams(said, known):
+    for each in _of_streams(trace, known):
         name, _, text = each.text.partition(": ")
         key = each.code, each.node, each.severity, text, round(each.time, 2)
         if key in joined:
@@ -94,27 +94,27 @@ def find_missing_pdos(said: Conversation, known: Sequence[Finding]) -> Iterator[
     yield from joined.values()
 
 
-def _of_streams(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def _of_streams(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """The same, of each PDO."""
-    for stream in sorted(said.observed.streams):
+    for stream in sorted(trace.observed.streams):
         if stream.name[1:4] != "PDO":
             continue
-        found = cycles(said, stream)
+        found = cycles(trace, stream)
         if found is None:
-            yield from _uneven(said, stream, known)
+            yield from _uneven(trace, stream, known)
             continue
         missing, late, twice = _sorted_out(found.counts)
         missing = [
             k for k in missing if not is_explained(known, _CAUSES, stream.node, found.sync[k])
         ]
         if missing:
-            yield _missing(said, stream, found, missing)
+            yield _missing(trace, stream, found, missing)
         if late:
-            yield _late(said, stream, found, late)
+            yield _late(trace, stream, found, late)
         if len(twice) > MIN_TWICE:
-            yield _twice(said, stream, found, twice)
+            yield _twice(trace, stream, found, twice)
         if found.later > MISSING_AT_END:
-            yield from _ended(said, stream, known)
+            yield from _ended(trace, stream, known)
 
 
 def _sorted_out(count: NDArray[np.intp]) -> tuple[list[int], list[int], list[int]]:
@@ -140,14 +140,14 @@ def _sorted_out(count: NDArray[np.intp]) -> tuple[list[int], list[int], list[int
     return missing + waiting, late, twice
 
 
-def _frames(said: Conversation, stream: StreamKey, times: Array) -> tuple[int, ...]:
+def _frames(trace: Conversation, stream: StreamKey, times: Array) -> tuple[int, ...]:
     """Numbers of the last frames of a stream before some times in s, shape (K,)."""
-    its = said.observed.streams[stream]
+    its = trace.observed.streams[stream]
     places = np.maximum(np.searchsorted(its.time, times, side="right") - 1, 0)
     return tuple(dict.fromkeys(its.frame[int(k)] for k in places))
 
 
-def _missing(said: Conversation, stream: StreamKey, found: Cycles, missing: list[int]) -> Finding:
+def _missing(trace: Conversation, stream: StreamKey, found: Cycles, missing: list[int]) -> Finding:
     places = np.asarray(missing)
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
     longest = max(len(each) for each in runs)
@@ -161,11 +161,11 @@ def _missing(said: Conversation, stream: StreamKey, found: Cycles, missing: list
         until=float(found.sync[places[-1] + 1]),
         node=stream.node,
         text=text,
-        frames=_frames(said, stream, found.sync[[each[0] for each in runs]]),
+        frames=_frames(trace, stream, found.sync[[each[0] for each in runs]]),
     )
 
 
-def _late(said: Conversation, stream: StreamKey, found: Cycles, late: list[int]) -> Finding:
+def _late(trace: Conversation, stream: StreamKey, found: Cycles, late: list[int]) -> Finding:
     """PDOs that come after the next SYNC; their SYNCs by their places."""
     places = np.asarray(late)
     return Finding(
@@ -174,11 +174,11 @@ def _late(said: Conversation, stream: StreamKey, found: Cycles, late: list[int])
         time=float(found.sync[places[0]]),
         node=stream.node,
         text=f"{stream.name}: after the next SYNC {len(late)} times of {len(found.counts)}",
-        frames=_frames(said, stream, found.sync[places + 1] + found.delay[places + 1]),
+        frames=_frames(trace, stream, found.sync[places + 1] + found.delay[places + 1]),
     )
 
 
-def _twice(said: Conversation, stream: StreamKey, found: Cycles, twice: list[int]) -> Finding:
+def _twice(trace: Conversation, stream: StreamKey, found: Cycles, twice: list[int]) -> Finding:
     """PDOs that come more often than their SYNC; their SYNCs by their places."""
     text = f"{stream.name}: twice for {len(twice)} of {plural(len(found.counts), 'SYNC')}"
     return Finding(
@@ -187,33 +187,34 @@ def _twice(said: Conversation, stream: StreamKey, found: Cycles, twice: list[int
         time=float(found.sync[twice[0]]),
         node=stream.node,
         text=text,
-        frames=_frames(said, stream, found.sync[twice] + found.delay[twice]),
+        frames=_frames(trace, stream, found.sync[twice] + found.delay[twice]),
     )
 
 
-def _ended(said: Conversation, stream: StreamKey, known: Sequence[Finding]) -> Iterator[Finding]:
+def _ended(trace: Conversation, stream: StreamKey, known: Sequence[Finding]) -> Iterator[Finding]:
     """A PDO that ended while SYNC went on, and nobody stopped it."""
-    its = said.observed.streams[stream]
+    its = trace.observed.streams[stream]
     last = its.time[-1]
-    if said.duration - last < ANSWER_S or is_explained(known, _CAUSES, stream.node, last):
+    if trace.duration - last < ANSWER_S or is_explained(known, _CAUSES, stream.node, last):
         return
-    stopped = commanded(said, stream.node, last + ANSWER_S, OBEY_S, LEAVING)
-    if stopped or (stream.name[0] == "R" and not has_torque(said, last)):
+    stopped = commanded(trace, stream.node, last + ANSWER_S, OBEY_S, LEAVING)
+    if stopped or (stream.name[0] == "R" and not has_torque(trace, last)):
         return
+    lasted = trace.span(trace.duration - last)
     yield Finding(
         code="pdo-missing",
         severity=Severity.UNRESOLVED,
         time=last,
         node=stream.node,
-        text=f"{stream.name}: none to the end of the trace, for {said.span(said.duration - last)}",
+        text=f"{stream.name}: none to the end of the trace, for {lasted}",
         frames=(its.frame[-1],),
     )
 
 
-def _uneven(said: Conversation, stream: StreamKey, known: Sequence[Finding]) -> Iterator[Finding]:
+def _uneven(trace: Conversation, stream: StreamKey, known: Sequence[Finding]) -> Iterator[Finding]:
     """Gaps of a regular PDO that does not come with every SYNC."""
-    rhythm = said.observed.rhythms.get(stream)
-    if rhythm is None or not said.timed:
+    rhythm = trace.observed.rhythms.get(stream)
+    if rhythm is None or not trace.timed:
         return
     over = [
         each
@@ -221,7 +222,7 @@ def _uneven(said: Conversation, stream: StreamKey, known: Sequence[Finding]) -> 
         if each.end and not is_explained(known, _CAUSES, stream.node, each.begin)
     ]
     if over:
-        worst = said.span(max((each.end or 0.0) - each.begin for each in over))
+        worst = trace.span(max((each.end or 0.0) - each.begin for each in over))
         yield Finding(
             code="pdo-missing",
             severity=Severity.RECOVERED,
@@ -229,17 +230,17 @@ def _uneven(said: Conversation, stream: StreamKey, known: Sequence[Finding]) -> 
             until=over[-1].end,
             node=stream.node,
             text=f"{stream.name}: none {plural(len(over), 'time')}, for {worst} at worst "
-            f"(usually every {said.span(rhythm.usual)})",
+            f"(usually every {trace.span(rhythm.usual)})",
             frames=tuple(each.frame for each in over),
         )
     if rhythm.gaps and rhythm.gaps[-1].end is None:
-        yield from _ended(said, stream, known)
+        yield from _ended(trace, stream, known)
 
 
-def find_wrong_lengths(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_wrong_lengths(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """PDOs of a length that others of the same stream do not have."""
-    for stream, misfits in said.observed.misfits.items():
-        its = said.observed.streams[stream]
+    for stream, misfits in trace.observed.misfits.items():
+        its = trace.observed.streams[stream]
         good = len(its.time) - len(misfits.time)
         if good < len(misfits.time):
             continue  # its mapping is not known

@@ -49,16 +49,16 @@ _NEEDED = {
 """What is missing before a command, by the state in which it comes."""
 
 
-def find_lost_torque(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Axes that leave operation enabled without a command, and without a fault."""
-    for axis in axes(said):
+    for axis in axes(trace):
         for before, now in pairwise(axis.spans):
             control = axis.control_at(now.begin)
             if before.state is not DriveState.OPERATION_ENABLED or now.state in FAULTY:
                 continue
             if control is None or not protocol.control_words(control).startswith("enable"):
                 continue
-            if commanded(said, axis.node, now.begin, OBEY_S, LEAVING):
+            if commanded(trace, axis.node, now.begin, OBEY_S, LEAVING):
                 continue
             if is_explained(known, _CAUSES, axis.node, now.begin):
                 continue
@@ -72,7 +72,11 @@ def find_lost_torque(said: Conversation, known: Sequence[Finding]) -> Iterator[F
                 axis=axis.number,
                 text=f"left operation enabled without a command, is {now.state.value}",
                 motion=coasting(
-                    said, axis.node, axis.number, now.begin, said.duration if back is None else back
+                    trace,
+                    axis.node,
+                    axis.number,
+                    now.begin,
+                    trace.duration if back is None else back,
                 ),
                 frames=(now.frame,),
             )
@@ -84,10 +88,10 @@ def _next(axis: Axis, time: float, states: Sequence[DriveState]) -> float | None
     return next(found, None)
 
 
-def find_ignored_commands(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_ignored_commands(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Commands that an axis does not follow: it is in the wrong state, or something is missing."""
-    for axis in axes(said) if said.timed else ():
-        for time, words, frame, end in _commands(axis, said.duration):
+    for axis in axes(trace) if trace.timed else ():
+        for time, words, frame, end in _commands(axis, trace.duration):
             reached = _REACHED.get(words)
             begun, last = axis.span_at(time), axis.span_at(end)
             if reached is None or begun is None or last is None or end - time < OBEY_S:
@@ -105,7 +109,7 @@ def find_ignored_commands(said: Conversation, known: Sequence[Finding]) -> Itera
                 until=until,
                 node=axis.node,
                 axis=axis.number,
-                text=f"{words} without effect for {said.span(end - time)}: "
+                text=f"{words} without effect for {trace.span(end - time)}: "
                 f"{last.state.value}, {why}",
                 frames=(frame, last.frame),
             )
@@ -129,23 +133,25 @@ def _between(axis: Axis, begin: float, end: float) -> Iterator[Span]:
             yield each
 
 
-def find_wrong_modes(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Axes that display another mode of operation than they are given."""
-    for axis in axes(said) if said.timed else ():
+    for axis in axes(trace) if trace.timed else ():
         shown, given = (
-            said.observed.changes.get((axis.node, (index + (axis.number - 1) * AXIS_OFFSET, 0)), [])
+            trace.observed.changes.get(
+                (axis.node, (index + (axis.number - 1) * AXIS_OFFSET, 0)), []
+            )
             for index in MODES
         )
         for begin, end, mode, wanted, frame in _mismatches(shown, given):
             span = axis.span_at(begin)
             enabled = span is not None and span.state is DriveState.OPERATION_ENABLED
             sudden = enabled and not any(begin - OBEY_S <= each.time <= begin for each in given)
-            lasted = (said.duration if end is None else end) - begin
+            lasted = (trace.duration if end is None else end) - begin
             if not (sudden or lasted >= OBEY_S):
                 continue
             if is_explained(known, _CAUSES, axis.node, begin):
                 continue
-            names = [said.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
+            names = [trace.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
             yield Finding(
                 code="mode-differs",
                 severity=ended(end),
@@ -153,7 +159,7 @@ def find_wrong_modes(said: Conversation, known: Sequence[Finding]) -> Iterator[F
                 until=end,
                 node=axis.node,
                 axis=axis.number,
-                text=f"is in {names[0]} for {said.span(lasted)}, given is {names[1]}",
+                text=f"is in {names[0]} for {trace.span(lasted)}, given is {names[1]}",
                 frames=(frame,),
             )
 
@@ -213,19 +219,19 @@ FLAGS = (
 """Bits of the status word, while an axis is enabled."""
 
 
-def find_flags(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """What the status word of an enabled axis warns of, by its mode of operation."""
-    for axis in axes(said):
-        words = said.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
+    for axis in axes(trace):
+        words = trace.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
         for flag in FLAGS:
             times = [
                 each
-                for each in _times(said, axis, words, flag)
-                if (said.duration if each[1] is None else each[1]) - each[0] >= flag.after
+                for each in _times(trace, axis, words, flag)
+                if (trace.duration if each[1] is None else each[1]) - each[0] >= flag.after
             ]
             if not times:
                 continue
-            until, ends = times[-1][1], (said.duration if e is None else e for _, e, _ in times)
+            until, ends = times[-1][1], (trace.duration if e is None else e for _, e, _ in times)
             total = sum(end - begin for (begin, _, _), end in zip(times, ends, strict=True))
             often = f", {len(times)} times" if len(times) > 1 else ""
             yield Finding(
@@ -235,20 +241,20 @@ def find_flags(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
                 until=until,
                 node=axis.node,
                 axis=axis.number,
-                text=f"{flag.text} for {said.span(total)}{often}",
+                text=f"{flag.text} for {trace.span(total)}{often}",
                 frames=tuple(frame for _, _, frame in times),
             )
 
 
 def _times(
-    said: Conversation, axis: Axis, words: Sequence[Change], flag: Flag
+    trace: Conversation, axis: Axis, words: Sequence[Change], flag: Flag
 ) -> Iterator[tuple[float, float | None, int]]:
     """When a flag stands while the axis is enabled: begin, end in s, and frame."""
     served = False
     found: tuple[float, int] | None = None
     for each in words:
         served |= bool(each.value & flag.mask)
-        mode = said.mode(axis.node, axis.number, each.time)
+        mode = trace.mode(axis.node, axis.number, each.time)
         stands = bool(each.value & flag.mask) is flag.set and served
         stands &= protocol.state(each.value) is DriveState.OPERATION_ENABLED
         stands &= not flag.modes or mode in flag.modes
@@ -261,13 +267,13 @@ def _times(
         yield found[0], None, found[1]
 
 
-def find_following_errors(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Following errors in PDOs that leave the window of the drive, which the trace has."""
     flagged = {(each.node, each.axis) for each in known if each.code == "following-error"}
-    for axis in axes(said):
+    for axis in axes(trace):
         offset = (axis.number - 1) * AXIS_OFFSET
-        window = said.values[axis.node].get((FOLLOWING_WINDOW + offset, 0))
-        series = said.series.get((axis.node, (FOLLOWING_ERROR + offset, 0)))
+        window = trace.values[axis.node].get((FOLLOWING_WINDOW + offset, 0))
+        series = trace.series.get((axis.node, (FOLLOWING_ERROR + offset, 0)))
         if not window or window == NO_WINDOW or series is None:
             continue
         outside = np.flatnonzero(np.abs(np.asarray(series.counts, float)) > window)
@@ -285,19 +291,19 @@ def find_following_errors(said: Conversation, known: Sequence[Finding]) -> Itera
             node=axis.node,
             axis=axis.number,
             text=f"following error up to {worst}, its window is {window}",
-            frames=(int(np.searchsorted(said.observed.times, begin)) + 1,),
+            frames=(int(np.searchsorted(trace.observed.times, begin)) + 1,),
         )
 
 
-def find_missed_targets(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Set-points that are not acknowledged or not reached, and homing that does not end."""
-    for axis in axes(said) if said.timed else ():
-        words = said.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
+    for axis in axes(trace) if trace.timed else ():
+        words = trace.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
         starts = rising(axis.controls, NEW_SETPOINT)
         for k, start in enumerate(starts):
-            mode = said.mode(axis.node, axis.number, start.time)
+            mode = trace.mode(axis.node, axis.number, start.time)
             later = (each.time for each in starts[k + 1 :])
-            end = next(later, said.duration)
+            end = next(later, trace.duration)
             if mode not in (PROFILE_POSITION, HOMING) or end - start.time < OBEY_S:
                 continue
             during = [each.value for each in words if start.time < each.time <= end]
@@ -320,41 +326,41 @@ def find_missed_targets(said: Conversation, _: Sequence[Finding]) -> Iterator[Fi
                 until=None if last else end,
                 node=axis.node,
                 axis=axis.number,
-                text=f"{text} within {said.span(end - start.time)}",
+                text=f"{text} within {trace.span(end - start.time)}",
                 frames=(start.frame,),
             )
 
 
-def _works_on(said: Conversation, node: int, time: float) -> bool:
+def _works_on(trace: Conversation, node: int, time: float) -> bool:
     """Whether an axis of a node is enabled at a time in s and for a while after it."""
-    for axis in axes(said):
+    for axis in axes(trace):
         span, key = axis.span_at(time), (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)
         if axis.node != node or span is None or span.state is not DriveState.OPERATION_ENABLED:
             continue
-        series = said.series.get((node, key))
+        series = trace.series.get((node, key))
         shown = series.time[-1] if series and series.time else span.begin
-        if min(shown, said.duration if span.end is None else span.end) - time >= WORKS_ON_S:
+        if min(shown, trace.duration if span.end is None else span.end) - time >= WORKS_ON_S:
             return True
     return False
 
 
-def find_emergencies(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_emergencies(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Emergencies that belong to no fault of a drive."""
     explained = {frame for each in known for frame in each.frames if each.code == "drive-fault"}
     groups: dict[tuple[int, int | None], list[int]] = {}
-    for k, each in enumerate(said.observed.emergencies):
+    for k, each in enumerate(trace.observed.emergencies):
         if each.code != 0 and each.frame not in explained:
             groups.setdefault((each.node, each.code), []).append(k)
     for (node, code), places in groups.items():
-        its = [said.observed.emergencies[k] for k in places]
+        its = [trace.observed.emergencies[k] for k in places]
         cleared = (
             each.time
-            for each in said.observed.emergencies[places[-1] + 1 :]
+            for each in trace.observed.emergencies[places[-1] + 1 :]
             if each.node == node and each.code == 0
         )
         until = next(cleared, None)
         severity = ended(until)
-        if until is None and _works_on(said, node, its[-1].time):
+        if until is None and _works_on(trace, node, its[-1].time):
             severity = Severity.WARNING
         yield Finding(
             code="emergency",

@@ -24,33 +24,33 @@ _COMMANDS = {
 """Objects that are no settings: what is written commands something, or is shown elsewhere."""
 
 
-def find_unanswered(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_unanswered(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Requests without an answer, and those that the host gave up."""
-    wait = ANSWER_S if said.timed else ANSWER_FRAMES
+    wait = ANSWER_S if trace.timed else ANSWER_FRAMES
 
     def unanswered(each: Transfer) -> bool:
         if each.abort == TIMED_OUT:
             return True
-        late = said.duration - each.begin >= wait
+        late = trace.duration - each.begin >= wait
         return each.end is None and late
 
-    yield from _grouped(said, known, "sdo-timeout", "without an answer", unanswered)
+    yield from _grouped(trace, known, "sdo-timeout", "without an answer", unanswered)
 
 
-def find_refused(said: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+def find_refused(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Requests that were refused; one to read is a warning, as hosts try what there is."""
-    codes = {each.abort for each in said.observed.transfers if each.abort is not None}
+    codes = {each.abort for each in trace.observed.transfers if each.abort is not None}
     for code in sorted(codes - {TIMED_OUT}):
 
         def refused(each: Transfer, code: int = code) -> bool:
             return each.abort == code
 
         words = f"refused, {protocol.abort_words(code)}"
-        yield from _grouped(said, known, "sdo-refused", words, refused)
+        yield from _grouped(trace, known, "sdo-refused", words, refused)
 
 
 def _grouped(
-    said: Conversation,
+    trace: Conversation,
     known: Sequence[Finding],
     code: str,
     words: str,
@@ -59,16 +59,16 @@ def _grouped(
     """Failed transfers, one finding for each node and severity.
 
     Args:
-        said: The trace.
+        trace: The trace.
         known: What was found before.
         code: That of the findings.
         words: What became of the transfers.
         failed: Whether a transfer is one of them.
     """
     groups: dict[tuple[int, Severity], list[Transfer]] = {}
-    good = {(each.node, each.key, each.writes): each.begin for each in said.observed.transfers
+    good = {(each.node, each.key, each.writes): each.begin for each in trace.observed.transfers
             if each.good}  # fmt: skip
-    for each in said.observed.transfers:
+    for each in trace.observed.transfers:
         if not failed(each) or is_explained(known, _CAUSES, each.node, each.begin):
             continue
         severity = Severity.UNRESOLVED
@@ -78,7 +78,7 @@ def _grouped(
             severity = Severity.WARNING
         groups.setdefault((each.node, severity), []).append(each)
     for (node, severity), its in groups.items():
-        objects = _objects(said, node, its)
+        objects = _objects(trace, node, its)
         yield Finding(
             code=code,
             severity=severity,
@@ -99,10 +99,10 @@ def _axis(transfers: Sequence[Transfer]) -> int | None:
     return axes.pop() if len(axes) == 1 else None
 
 
-def _objects(said: Conversation, node: int, transfers: Sequence[Transfer]) -> str:
+def _objects(trace: Conversation, node: int, transfers: Sequence[Transfer]) -> str:
     """What is read or written, in words."""
     names = dict.fromkeys(
-        f"{'writing' if each.writes else 'reading'} {said.object_name(node, each.key)}"
+        f"{'writing' if each.writes else 'reading'} {trace.object_name(node, each.key)}"
         for each in transfers
     )
     shown = ", ".join(list(names)[:MAX_NAMED])
@@ -110,25 +110,25 @@ def _objects(said: Conversation, node: int, transfers: Sequence[Transfer]) -> st
     return f"{shown} and {left_out} more" if left_out > 0 else shown
 
 
-def find_overlaps(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Requests before the answer to the one before, and answers to no request."""
-    nodes = dict.fromkeys(each.node for each in said.observed.transfers)
+    nodes = dict.fromkeys(each.node for each in trace.observed.transfers)
     for node in nodes:
-        its = [each for each in said.observed.transfers if each.node == node and each.overlapped]
+        its = [each for each in trace.observed.transfers if each.node == node and each.overlapped]
         if its:
             yield Finding(
                 code="sdo-overlap",
                 severity=Severity.WARNING,
                 time=its[0].begin,
                 node=node,
-                text=f"{_objects(said, node, its)}: answered after the next request, "
+                text=f"{_objects(trace, node, its)}: answered after the next request, "
                 f"{plural(len(its), 'time')}",
                 frames=tuple(frame for each in its for frame in each.frames),
             )
         strays, again = list[StrayAnswer](), list[StrayAnswer]()
-        for stray in said.observed.strays:
+        for stray in trace.observed.strays:
             if stray.node == node:
-                (again if _is_second(said, stray) else strays).append(stray)
+                (again if _is_second(trace, stray) else strays).append(stray)
         if again:
             yield Finding(
                 code="node-twice",
@@ -139,7 +139,7 @@ def find_overlaps(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]
                 frames=tuple(each.frame for each in again),
             )
         if strays:
-            names = dict.fromkeys(said.object_name(node, each.key) for each in strays)
+            names = dict.fromkeys(trace.object_name(node, each.key) for each in strays)
             yield Finding(
                 code="sdo-stray",
                 severity=Severity.WARNING,
@@ -151,24 +151,24 @@ def find_overlaps(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]
             )
 
 
-def _is_second(said: Conversation, stray: StrayAnswer) -> bool:
+def _is_second(trace: Conversation, stray: StrayAnswer) -> bool:
     """Whether an answer is a second one to the same request."""
     return any(
         each.node == stray.node
         and each.key == stray.key
         and each.end is not None
         and 0 <= stray.time - each.end <= ANSWER_S
-        for each in said.observed.transfers
+        for each in trace.observed.transfers
     )
 
 
-def find_lost_settings(said: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Settings that are read back with another value, or never."""
     written: dict[tuple[int, Key], Transfer] = {}
     unread: dict[tuple[int, Key], Transfer] = {}
     wrong: dict[tuple[int, Key], tuple[Transfer, Transfer]] = {}
     right: dict[tuple[int, Key], float] = {}
-    for each in said.observed.transfers:
+    for each in trace.observed.transfers:
         place = each.node, each.key
         if not each.good or each.overlapped or axis_of(each.key[0])[0] in _COMMANDS:
             continue
@@ -186,7 +186,7 @@ def find_lost_settings(said: Conversation, _: Sequence[Finding]) -> Iterator[Fin
     for (node, key), (write, read) in wrong.items():
         until = right.get((node, key))
         until = until if until is not None and until > read.begin else None
-        values = [said.words(node, key, each.value or 0) for each in (write, read)]
+        values = [trace.words(node, key, each.value or 0) for each in (write, read)]
         yield Finding(
             code="setting-differs",
             severity=Severity.UNRESOLVED if until is None else Severity.RECOVERED,
@@ -194,12 +194,12 @@ def find_lost_settings(said: Conversation, _: Sequence[Finding]) -> Iterator[Fin
             until=until,
             node=node,
             axis=_axis([write]),
-            text=f"{said.object_name(node, key)}: {values[0]} written, {values[1]} read",
+            text=f"{trace.object_name(node, key)}: {values[0]} written, {values[1]} read",
             frames=(*write.frames, *read.frames),
         )
     for node in dict.fromkeys(node for node, _ in unread):
         its = sorted(each for (owner, _), each in unread.items() if owner == node)
-        names = [said.object_name(node, each.key) for each in its]
+        names = [trace.object_name(node, each.key) for each in its]
         more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
         yield Finding(
             code="setting-unread",

@@ -78,38 +78,38 @@ class Verdict:
         }
 
 
-def assess(said: Conversation, remarks: Sequence[str] = ()) -> Verdict:
+def assess(trace: Conversation, remarks: Sequence[str] = ()) -> Verdict:
     """The verdict on a trace.
 
     Args:
-        said: The trace.
+        trace: The trace.
         remarks: What its reader remarked.
     """
     findings = list(bus.find_clock_steps(remarks))
     for find in FINDERS:
-        findings += find(said, findings)
+        findings += find(trace, findings)
     findings.sort(key=lambda each: each.order)
     found = Counter(each.severity for each in findings)
     counts = {severity: found[severity] for severity in Severity}
-    places = tuple(where(said, each) for each in findings)
-    return Verdict(tuple(findings), _headline(said, findings, counts), places, counts)
+    places = tuple(where(trace, each) for each in findings)
+    return Verdict(tuple(findings), _headline(trace, findings, counts), places, counts)
 
 
-def where(said: Conversation, finding: Finding) -> str:
+def where(trace: Conversation, finding: Finding) -> str:
     """Node and axis of a finding, in words."""
     if not finding.node:
         return "bus"
-    axis = f", axis {finding.axis}" if finding.axis and said.has_axes(finding.node) else ""
-    return said.called(finding.node) + axis
+    axis = f", axis {finding.axis}" if finding.axis and trace.has_axes(finding.node) else ""
+    return trace.called(finding.node) + axis
 
 
-def _headline(said: Conversation, findings: list[Finding], counts: dict[Severity, int]) -> str:
+def _headline(trace: Conversation, findings: list[Finding], counts: dict[Severity, int]) -> str:
     """What happened, in one line: the worst finding, and how many others there are."""
     if not findings:
-        return f"nothing wrong: {_checked(said)}"
+        return f"nothing wrong: {_checked(trace)}"
     first = findings[0]
-    when = f"at {first.time:.3f} s" if said.timed else f"in frame {first.time:.0f}"
-    line = f"{first.severity}: {where(said, first)} {when}: {first.text}"
+    when = f"at {first.time:.3f} s" if trace.timed else f"in frame {first.time:.0f}"
+    line = f"{first.severity}: {where(trace, first)} {when}: {first.text}"
     line += f"; {first.motion}" if first.motion else ""
     others = dict(counts)
     others[first.severity] -= 1
@@ -117,28 +117,28 @@ def _headline(said: Conversation, findings: list[Finding], counts: dict[Severity
     return line + (f" (and {more})" if more else "")
 
 
-def _checked(said: Conversation) -> str:
+def _checked(trace: Conversation) -> str:
     """What was checked, in one line."""
-    seen, parts = said.observed, list[str]()
+    seen, parts = trace.observed, list[str]()
     beats = [its for stream, its in seen.rhythms.items() if stream.name == "heartbeat"]
     sync = seen.rhythms.get(StreamKey(BUS, "SYNC"))
     if beats:
-        parts.append(f"{plural(len(beats), 'heartbeat')} {_every(said, beats)}")
+        parts.append(f"{plural(len(beats), 'heartbeat')} {_every(trace, beats)}")
     if sync:
-        parts.append(f"SYNC {_every(said, [sync])}")
+        parts.append(f"SYNC {_every(trace, [sync])}")
     pdos = sum(stream.name[1:4] == "PDO" for stream in seen.streams)
     parts += [plural(pdos, "PDO")] if pdos else []
     parts += [plural(len(seen.transfers), "SDO transfer")] if seen.transfers else []
-    if said.bitrate and said.timed:
-        parts.append(f"bus load up to {100 * bus.busiest(said)[1] / said.bitrate:.0f} %")
-    axes = len(drives.axes(said))
-    what = plural(len(said.nodes), "node") + (f" and {plural(axes, 'drive')}" if axes else "")
+    if trace.bitrate and trace.timed:
+        parts.append(f"bus load up to {100 * bus.busiest(trace)[1] / trace.bitrate:.0f} %")
+    axes = len(drives.axes(trace))
+    what = plural(len(trace.nodes), "node") + (f" and {plural(axes, 'drive')}" if axes else "")
     checked = f": {', '.join(parts)}" if parts else ""
-    return f"{what} for {said.span(said.duration)}{checked}; no emergency, no error frame"
+    return f"{what} for {trace.span(trace.duration)}{checked}; no emergency, no error frame"
 
 
-def _every(said: Conversation, rhythms: Sequence[Rhythm]) -> str:
+def _every(trace: Conversation, rhythms: Sequence[Rhythm]) -> str:
     """The period of some streams and their worst pause, in words."""
-    periods = dict.fromkeys(said.span(each.usual) for each in rhythms)
-    worst = said.span(max(each.worst for each in rhythms))
+    periods = dict.fromkeys(trace.span(each.usual) for each in rhythms)
+    worst = trace.span(max(each.worst for each in rhythms))
     return f"every {' or '.join(periods)} (worst {worst})"
