@@ -13,11 +13,12 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 import can
-import numpy as np
 
 from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN_RAD, AkdConfig
@@ -101,7 +102,7 @@ def sync_period(frames: Sequence[can.Message]) -> float:
     times = [each.timestamp for each in frames if each.arbitration_id == protocol.SYNC]
     if len(times) <= _FEW:
         return NOMINAL_PERIOD
-    return max(1, round(1e3 * float(np.median(np.diff(times))))) / 1e3
+    return max(1, round(1e3 * median(after - before for before, after in pairwise(times)))) / 1e3
 
 
 class TracedEvent(NamedTuple):
@@ -884,19 +885,18 @@ class Conversation:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
         missing: list[Gap] = []
         for stream in sorted(self.observed.streams, key=lambda each: each.node != BUS):
-            times = np.asarray(self.observed.streams[stream].time)
+            times, frames = self.observed.streams[stream]
             if len(times) < _FEW:
                 continue
-            pauses = np.diff(times)
-            usual, last = float(np.median(pauses)), float(times[-1])
-            long = np.flatnonzero(pauses > _LONG * usual)
+            pauses = [after - before for before, after in pairwise(times)]
+            usual, last = median(pauses), times[-1]
+            long = [k for k, pause in enumerate(pauses) if pause > _LONG * usual]
             if len(long) > _IRREGULAR * len(pauses):
                 continue
-            frames = self.observed.streams[stream].frame
-            gaps = [Gap(float(times[k]), float(times[k + 1]), frames[k]) for k in long]
+            gaps = [Gap(times[k], times[k + 1], frames[k]) for k in long]
             if self.duration - last > max(_ENDED * usual, _ENDED_FOR):
                 gaps.append(Gap(last, None, frames[-1]))
-            self.observed.rhythms[stream] = Rhythm(usual, float(pauses.max()), gaps)
+            self.observed.rhythms[stream] = Rhythm(usual, max(pauses), gaps)
             if stream.node == BUS:
                 missing = gaps
             elif stream.name != "heartbeat":

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
+from statistics import fmean, median
 
-import numpy as np
-
-from controllers.arrays import Array
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.finding import Finding, Severity, ended, is_explained, plural
 from twin.devices.akd.observed import BUS, StreamKey
 
 LOAD_WINDOW_S = 0.1
 """Time in s over which the load of the bus is taken."""
+TIME_ROUNDING = 1e-6
+"""Share of such a window by which a time may be rounded."""
 HIGH_LOAD = 0.8
 """Share of the bit rate above which a bus is full."""
 BUS_OFF = 0x40
@@ -77,7 +78,7 @@ def find_other_hosts(trace: Conversation, known: Sequence[Finding]) -> Iterator[
         rhythm = trace.observed.rhythms.get(stream)
         given = trace.values[stream.node].get((0x1017, 0), 0) / 1e3 if stream.node else 0.0
         usual = max(given, rhythm.usual if rhythm else 0.0)
-        place = first_of_two(np.asarray(its.time), usual)
+        place = first_of_two(its.time, usual)
         if place is None or (sync and foreign):
             continue
         if is_explained(known, ("trace-gap",), BUS, its.time[place]):
@@ -92,32 +93,44 @@ def find_other_hosts(trace: Conversation, known: Sequence[Finding]) -> Iterator[
         )
 
 
-def first_of_two(time: Array, usual: float) -> int | None:
+def first_of_two(time: Sequence[float], usual: float) -> int | None:
     """Where frames of a second sender with the same identifier begin; None if there is none.
 
     Frames of two senders come in pairs of uneven pauses, whose sum is the period of each sender.
     One sender that is late every other time looks alike; its mean pause is its usual one, though.
 
     Args:
-        time: Of the frames, s, shape (K,).
+        time: Of the frames, s.
         usual: The pause of one sender, s; 0 if it is not known.
     """
     if len(time) < 2 * MIN_PAIRS:
         return None
-    pauses, pairs = np.diff(time), time[2:] - time[:-2]
-    apart = np.abs(np.diff(pauses))
-    both = float(np.median(pairs))
-    blocks = [pauses[k : k + MIN_PAIRS] for k in range(0, len(pauses) - MIN_PAIRS, MIN_PAIRS)]
-    even = [each.mean() for each in blocks if np.ptp(each) < REGULAR_SHARE * each.mean()]
-    usual = max(usual, *even, 0.0)
-    close = (pairs < PAIR_SHARE * usual) & (apart > CLOSE_SHARE * pairs)
-    interleaved = (apart > UNEVEN_SHARE * both) & (np.abs(pairs - both) < REGULAR_SHARE * both)
-    mostly = abs(2 * float(np.median(pauses)) - both) > UNEVEN_SHARE * both
-    for which in (close, interleaved & mostly):
-        runs = np.convolve(which, np.ones(MIN_PAIRS), mode="valid")
-        found = np.flatnonzero(runs >= MIN_PAIRS)
-        if len(found):
-            return int(found[0])
+    pauses = [after - before for before, after in pairwise(time)]
+    for k in range(0, len(pauses) - MIN_PAIRS, MIN_PAIRS):
+        block = pauses[k : k + MIN_PAIRS]
+        if max(block) - min(block) < REGULAR_SHARE * fmean(block):
+            usual = max(usual, fmean(block))
+    pairs = [(one + other, abs(one - other)) for one, other in pairwise(pauses)]
+    both = median(together for together, _ in pairs)
+    found = _first_run(
+        together < PAIR_SHARE * usual and apart > CLOSE_SHARE * together
+        for together, apart in pairs
+    )
+    if found is not None or abs(2 * median(pauses) - both) <= UNEVEN_SHARE * both:
+        return found
+    return _first_run(
+        apart > UNEVEN_SHARE * both and abs(together - both) < REGULAR_SHARE * both
+        for together, apart in pairs
+    )
+
+
+def _first_run(holds: Iterable[bool]) -> int | None:
+    """Where something first holds ``MIN_PAIRS`` times in a row; None if it never does."""
+    count = 0
+    for place, each in enumerate(holds):
+        count = count + 1 if each else 0
+        if count == MIN_PAIRS:
+            return place - MIN_PAIRS + 1
     return None
 
 
@@ -133,19 +146,19 @@ def find_high_load(trace: Conversation, _: Sequence[Finding]) -> Iterator[Findin
             time=begin,
             text=f"up to {100 * load / trace.bitrate:.0f} % of {trace.bitrate} bit/s are taken "
             f"within {trace.span(LOAD_WINDOW_S)}",
-            frames=(int(np.searchsorted(trace.observed.times, begin)) + 1,),
+            frames=(bisect_left(trace.observed.times, begin) + 1,),
         )
 
 
 def busiest(trace: Conversation) -> tuple[float, float]:
     """When the bus is busiest, s, and its load then in bit/s, stuffed as badly as can be."""
-    times, bits = np.asarray(trace.observed.times), np.asarray(trace.observed.bits)
-    windows = np.floor(times / LOAD_WINDOW_S + 1e-6).astype(int)
-    loads = np.bincount(windows, weights=bits)
+    loads = defaultdict[int, float](float)
+    for time, bits in zip(trace.observed.times, trace.observed.bits, strict=True):
+        loads[int(time / LOAD_WINDOW_S + TIME_ROUNDING)] += bits
     if len(loads) > 1:
-        loads = loads[:-1]  # the last is no whole one
-    place = int(loads.argmax())
-    return place * LOAD_WINDOW_S, float(loads[place]) / LOAD_WINDOW_S
+        del loads[max(loads)]  # the last is no whole one
+    place = max(loads, key=lambda each: loads[each])
+    return place * LOAD_WINDOW_S, loads[place] / LOAD_WINDOW_S
 
 
 def find_guarding(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -156,7 +169,7 @@ def find_guarding(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
         unanswered, answers = list[int](), dict[int, int]()
         ends = [*guards.time[1:], trace.duration]
         for k, (begin, end) in enumerate(zip(guards.time, ends, strict=True)):
-            after = int(np.searchsorted(times, begin, side="right"))
+            after = bisect_right(times, begin)
             if after < len(times) and times[after] <= end:
                 answers[k] = after
             elif end - begin >= ANSWER_S or k + 1 < len(guards.time):

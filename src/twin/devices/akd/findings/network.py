@@ -6,8 +6,6 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-import numpy as np
-
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
@@ -34,6 +32,8 @@ IDENTITY = (0x1000, 0x1018)
 PAUSE_S, PAUSE_FACTOR, PAUSE_RHYTHMS = 0.2, 20, 10
 """Shortest pause of the whole bus in s; as a factor of the longest but 1 % of all pauses, and of
 the slowest regular stream."""
+USUAL_SHARE = 0.99
+"""Share of all pauses of the bus that are usual."""
 RESET_S, OBEY_S = 5.0, 1.0
 """Time in s in which a node boots after a reset, and in which it follows another NMT command."""
 _BOOT_UP, _STOP, _RESETS = 0, 2, (129, 130)
@@ -45,12 +45,13 @@ _OF_THE_BUS = ("trace-gap",)
 
 def find_pauses_of_the_bus(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Times without a frame of anybody."""
-    pauses = np.diff(trace.observed.times)
+    pauses = [after - before for before, after in pairwise(trace.observed.times)]
     if not trace.timed or len(pauses) < LOST_SYNCS:
         return
     slowest = max((each.usual for each in trace.observed.rhythms.values()), default=0.0)
-    usual = float(np.quantile(pauses, 0.99))
-    for k in np.flatnonzero(pauses > max(PAUSE_S, PAUSE_FACTOR * usual, PAUSE_RHYTHMS * slowest)):
+    usual = sorted(pauses)[int(USUAL_SHARE * (len(pauses) - 1))]
+    limit = max(PAUSE_S, PAUSE_FACTOR * usual, PAUSE_RHYTHMS * slowest)
+    for k in [place for place, pause in enumerate(pauses) if pause > limit]:
         begin, end = trace.observed.times[k], trace.observed.times[k + 1]
         yield Finding(
             code="trace-gap",
@@ -58,7 +59,7 @@ def find_pauses_of_the_bus(trace: Conversation, _: Sequence[Finding]) -> Iterato
             time=begin,
             until=end,
             text=f"no frame of anybody for {trace.span(end - begin)}",
-            frames=(int(k) + 1, int(k) + 2),
+            frames=(k + 1, k + 2),
         )
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from controllers.arrays import Array
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
 from twin.devices.akd.findings.finding import Finding, Severity, is_explained, plural
@@ -37,17 +34,15 @@ class Cycles(NamedTuple):
     """The PDOs of a stream by the SYNCs that they belong to.
 
     Attributes:
-        sync: Times of the SYNCs from that of the first PDO to that of the last, s, shape (K,).
-        counts: PDOs after each of them, shape (K,).
-        delay: The longest time from each SYNC to a PDO, s, shape (K,); 0 without one.
-        period: Of SYNC, s.
+        sync: Times of the SYNCs from that of the first PDO to that of the last, s.
+        counts: PDOs after each of them.
+        last: The time of the last PDO after each of them, s; that of the SYNC without one.
         later: SYNCs after that of the last PDO.
     """
 
-    sync: Array
-    counts: NDArray[np.intp]
-    delay: Array
-    period: float
+    sync: Sequence[float]
+    counts: list[int]
+    last: list[float]
     later: int
 
 
@@ -56,23 +51,20 @@ def cycles(trace: Conversation, stream: StreamKey) -> Cycles | None:
     syncs, its = trace.observed.streams[StreamKey(BUS, "SYNC")], trace.observed.streams[stream]
     if min(len(syncs.time), len(its.time)) < MIN_SYNCS or not trace.timed:
         return None
-    place = np.searchsorted(np.asarray(syncs.frame), np.asarray(its.frame)) - 1
-    known = place >= 0
-    place, times, sync = place[known], np.asarray(its.time)[known], np.asarray(syncs.time)
-    if not len(place):
+    places = [bisect_left(syncs.frame, frame) - 1 for frame in its.frame]
+    first, end = max(places[0], 0), places[-1] + 1
+    if end <= first:
         return None
-    first, last = int(place[0]), int(place[-1])
-    count = np.bincount(place - first, minlength=last - first + 1)
+    counts, last = [0] * (end - first), list(syncs.time[first:end])
+    for place, time in zip(places, its.time, strict=True):
+        if place >= 0:
+            counts[place - first] += 1
+            last[place - first] = time
     index = (0x1800 if stream.name[0] == "T" else 0x1400) + int(stream.name[4:]) - 1
     kind = trace.values[stream.node].get((index, 2))
-    share = len(place) / len(count)
+    share = sum(counts) / len(counts)
     each = SHARES[0] <= share <= SHARES[1] if kind is None else kind == AT_EVERY_SYNC
-    if not each:
-        return None
-    delay = np.zeros(len(count))
-    np.maximum.at(delay, place - first, times - sync[place])
-    period = float(np.median(np.diff(sync)))
-    return Cycles(sync[first : last + 1], count, delay, period, len(sync) - 1 - last)
+    return Cycles(syncs.time[first:end], counts, last, len(syncs.time) - end) if each else None
 
 
 def find_missing_pdos(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
@@ -117,18 +109,18 @@ def _of_streams(trace: Conversation, known: Sequence[Finding]) -> Iterator[Findi
             yield from _ended(trace, stream, known)
 
 
-def _sorted_out(count: NDArray[np.intp]) -> tuple[list[int], list[int], list[int]]:
+def _sorted_out(counts: Sequence[int]) -> tuple[list[int], list[int], list[int]]:
     """The SYNCs without a PDO, those whose PDO comes after the next SYNC, those with too many.
 
     Args:
-        count: PDOs after each SYNC, shape (K,). More than one make up for SYNCs without one
+        counts: PDOs after each SYNC. More than one make up for SYNCs without one
             shortly before.
     """
     missing, late, twice, waiting = list[int](), list[int](), list[int](), list[int]()
-    for k in np.flatnonzero(count != 1).tolist():
+    for k in [place for place, count in enumerate(counts) if count != 1]:
         missing += [each for each in waiting if k - each > MADE_UP_WITHIN]
         waiting = [each for each in waiting if k - each <= MADE_UP_WITHIN]
-        surplus = int(count[k]) - 1
+        surplus = counts[k] - 1
         if surplus < 0:
             waiting.append(k)
             continue
@@ -140,41 +132,39 @@ def _sorted_out(count: NDArray[np.intp]) -> tuple[list[int], list[int], list[int
     return missing + waiting, late, twice
 
 
-def _frames(trace: Conversation, stream: StreamKey, times: Array) -> tuple[int, ...]:
-    """Numbers of the last frames of a stream before some times in s, shape (K,)."""
+def _frames(trace: Conversation, stream: StreamKey, times: Iterable[float]) -> tuple[int, ...]:
+    """Numbers of the last frames of a stream up to some times in s."""
     its = trace.observed.streams[stream]
-    places = np.maximum(np.searchsorted(its.time, times, side="right") - 1, 0)
-    return tuple(dict.fromkeys(its.frame[int(k)] for k in places))
+    places = (max(bisect_right(its.time, time) - 1, 0) for time in times)
+    return tuple(dict.fromkeys(its.frame[place] for place in places))
 
 
 def _missing(trace: Conversation, stream: StreamKey, found: Cycles, missing: list[int]) -> Finding:
-    places = np.asarray(missing)
-    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    longest = max(len(each) for each in runs)
-    """PDOs that do not come for a SYNC: in a row a failure, alone a warning."""
+    begins = [k for k, each in enumerate(missing) if not k or each > missing[k - 1] + 1]
+    ends = [*begins[1:], len(missing)]
+    longest = max(end - begin for begin, end in zip(begins, ends, strict=True))
     text = f"{stream.name}: missing for {len(missing)} of {plural(len(found.counts), 'SYNC')}"
     text += f", at worst for {longest} in a row" if longest > 1 else ""
     return Finding(
         code="pdo-missing",
         severity=Severity.RECOVERED if longest >= MISSING_IN_A_ROW else Severity.WARNING,
-        time=float(found.sync[places[0]]),
-        until=float(found.sync[places[-1] + 1]),
+        time=found.sync[missing[0]],
+        until=found.sync[missing[-1] + 1],
         node=stream.node,
         text=text,
-        frames=_frames(trace, stream, found.sync[[each[0] for each in runs]]),
+        frames=_frames(trace, stream, (found.sync[missing[k]] for k in begins)),
     )
 
 
 def _late(trace: Conversation, stream: StreamKey, found: Cycles, late: list[int]) -> Finding:
     """PDOs that come after the next SYNC; their SYNCs by their places."""
-    places = np.asarray(late)
     return Finding(
         code="pdo-late",
         severity=Severity.WARNING,
-        time=float(found.sync[places[0]]),
+        time=found.sync[late[0]],
         node=stream.node,
         text=f"{stream.name}: after the next SYNC {len(late)} times of {len(found.counts)}",
-        frames=_frames(trace, stream, found.sync[places + 1] + found.delay[places + 1]),
+        frames=_frames(trace, stream, (found.last[k + 1] for k in late)),
     )
 
 
@@ -184,10 +174,10 @@ def _twice(trace: Conversation, stream: StreamKey, found: Cycles, twice: list[in
     return Finding(
         code="pdo-twice" if stream.name[0] == "T" else "two-hosts",
         severity=Severity.UNRESOLVED,
-        time=float(found.sync[twice[0]]),
+        time=found.sync[twice[0]],
         node=stream.node,
         text=text,
-        frames=_frames(trace, stream, found.sync[twice] + found.delay[twice]),
+        frames=_frames(trace, stream, (found.last[k] for k in twice)),
     )
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
-
-import numpy as np
 
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import AXIS_OFFSET, MODES, STATUS, Conversation
@@ -276,13 +275,13 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
         series = trace.series.get((axis.node, (FOLLOWING_ERROR + offset, 0)))
         if not window or window == NO_WINDOW or series is None:
             continue
-        outside = np.flatnonzero(np.abs(np.asarray(series.counts, float)) > window)
-        if not len(outside) or (axis.node, axis.number) in flagged:
+        outside = [k for k, count in enumerate(series.counts) if abs(count) > window]
+        if not outside or (axis.node, axis.number) in flagged:
             continue
-        last = int(outside[-1]) + 1
+        last = outside[-1] + 1
         until = series.time[last] if last < len(series.time) else None
-        worst = max(abs(series.counts[int(k)]) for k in outside)
-        begin = series.time[int(outside[0])]
+        worst = max(abs(series.counts[k]) for k in outside)
+        begin = series.time[outside[0]]
         yield Finding(
             code="following-error",
             severity=ended(until),
@@ -291,7 +290,7 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
             node=axis.node,
             axis=axis.number,
             text=f"following error up to {worst}, its window is {window}",
-            frames=(int(np.searchsorted(trace.observed.times, begin)) + 1,),
+            frames=(bisect_left(trace.observed.times, begin) + 1,),
         )
 
 
