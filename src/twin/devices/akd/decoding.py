@@ -16,9 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
-
-import can
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN_RAD, AkdConfig
@@ -50,6 +48,9 @@ from twin.devices.akd.wire_values import (
     split_mapping,
 )
 from twin.hal.interface import NOMINAL_PERIOD
+
+if TYPE_CHECKING:
+    import can
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 ERROR_CODE, FAULTS = 0x603F, 0x2001

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable, Sequence
-
-import can
+from typing import TYPE_CHECKING
 
 from twin.devices.akd import protocol
 from twin.devices.akd.protocol import Key, table
+
+if TYPE_CHECKING:
+    import can
 
 PROFILE, VENDOR = (0x1000, 0), (0x1018, 1)
 """Objects by which a node introduces itself."""
