@@ -219,6 +219,9 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option("--rig", type=options.PATH, help="Rig file: names, scales and mapping of its drives.")
 @click.option("--eds", type=options.PATH, help="EDS file of the drives: what objects are called.")
 @click.option("--channel", help="Which channel of the trace [the one with most frames].")
+@click.option(
+    "--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s, for its load [that of --rig]."
+)
 @click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
 @click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
 @click.option("--all", "everything", is_flag=True, help="Also what nodes sent, values and events.")
@@ -231,6 +234,7 @@ def trace(
     rig: Path | None,
     eds: Path | None,
     channel: str | None,
+    bitrate: int | None,
     out: Path | None,
     touch: Path | None,
     log: Path | None,
@@ -274,6 +278,7 @@ def trace(
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary["timed"] = found.timed
     remarks = [*found.remarks, *names.sheet.remarks, *conversation.remarks()]
+    conversation.bitrate = bitrate or conversation.bitrate
     verdict = assess(conversation, found.remarks)
     summary |= verdict.as_dict() | conversation.summary() | {"remarks": remarks}
     events = [event._asdict() for event in conversation.events]

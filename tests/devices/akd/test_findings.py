@@ -812,6 +812,16 @@ def test_the_colour_of_the_first_line_is_that_of_the_worst(frames, style):
     assert first.style == style
 
 
+def test_the_load_of_the_bus_needs_its_bit_rate(tmp_path, capsys):
+    full = every(0.0011, 0.0, 1.0, 0x7F1, "0000000000000000")
+    with closing(TraceWriter(tmp_path / "a.log", "can0")) as writer:
+        writer.write(full)
+    for more, codes in (("--bitrate=125000", ["bus-load"]), ("--bitrate=500000", [])):
+        shown = json.loads(called(capsys, "trace", tmp_path / "a.log", more, "--json")[1])
+        assert [each["code"] for each in shown["findings"]] == codes
+        assert shown["verdict"]["bus_load"] == pytest.approx(91 * 135 / 0.1)
+
+
 def test_check_does_not_go_with_replay(tmp_path, capsys):
     with closing(TraceWriter(tmp_path / "a.log", "can0")) as writer:
         writer.write(HEALTHY)

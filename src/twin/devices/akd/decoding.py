@@ -313,8 +313,8 @@ class Conversation:
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
         self._objects: dict[tuple[int, Key], Object] = {}
         self._there, self._identities = find_identities(heard)
-        self.bitrate = rig.bus.bitrate if rig else None
-        """Bit rate of the bus in bit/s; None if no rig file has it."""
+        self.bitrate: int | None = rig.bus.bitrate if rig else None
+        """Bit rate of the bus in bit/s; None if it is not known."""
         self.values = _Held(self._known_of)
         """What objects of nodes hold at its end, as far as it was read or written."""
         for self._frame, message in enumerate(heard, 1):

@@ -52,12 +52,15 @@ class Verdict:
         headline: What happened, in one line.
         places: Node and axis of each of them, in words.
         counts: How many problems there are of each severity.
+        load: Of the bus within the busiest tenth of a second, bit/s, stuffed as badly as can be;
+            None without times.
     """
 
     findings: tuple[Finding, ...]
     headline: str
     places: tuple[str, ...]
     counts: dict[Severity, int]
+    load: float | None
 
     @property
     def worst(self) -> Severity | None:
@@ -73,7 +76,7 @@ class Verdict:
         """The verdict for ``--json``."""
         counts = {str(severity): count for severity, count in self.counts.items()}
         return {
-            "verdict": {"headline": self.headline, **counts},
+            "verdict": {"headline": self.headline, **counts, "bus_load": self.load},
             "findings": [each.as_dict() for each in self.findings],
         }
 
@@ -91,8 +94,9 @@ def assess(trace: Conversation, remarks: Sequence[str] = ()) -> Verdict:
     findings.sort(key=lambda each: each.order)
     found = Counter(each.severity for each in findings)
     counts = {severity: found[severity] for severity in Severity}
+    load = bus.busiest(trace)[1] if trace.timed else None
     places = tuple(where(trace, each) for each in findings)
-    return Verdict(tuple(findings), _headline(trace, findings, counts), places, counts)
+    return Verdict(tuple(findings), _headline(trace, findings, counts), places, counts, load)
 
 
 def where(trace: Conversation, finding: Finding) -> str:
