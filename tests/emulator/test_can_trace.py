@@ -180,6 +180,32 @@ def test_mistakes_are_one_line(said, arguments, line):
     assert err.count("\n") == 1
 
 
+def test_a_fault_of_an_emulated_drive_is_found_with_what_the_plate_did(tmp_path, tables, capsys):
+    chosen = check(put(tables, map(setting, ("plant.kind=lagrange", "duration=0.4"))), "test")
+    rig = LockstepRig(chosen)
+    heard, done = [], []
+    rig.lockstep.heard = heard.append
+
+    def fail(time, _):
+        if time > 0.2 and not done:
+            done.append(time)
+            rig.lockstep.drives[1].fail(235)
+
+    run(chosen, watch=lambda record: record.observers.append(fail), rig=rig)
+    writer = TraceWriter(tmp_path / "trace.log", "can0")
+    writer.write(heard)
+    writer.close()
+    (tmp_path / "rig.toml").write_text('[touch]\nport = "none"\n')
+    code, out, _ = called(
+        capsys, "trace", tmp_path / "trace.log", "--rig", tmp_path / "rig.toml", "--check"
+    )
+    assert code == 1
+    first = out.splitlines()[0]
+    assert first.startswith("unresolved: node 2 (theta) at 0.")
+    assert "in fault to the end of the trace" in first
+    assert "4310h heat sink hot F235; the plate" in first
+
+
 PAGE = Path(__file__).parents[2] / "docs" / "can-trace.md"
 SHOWN = re.findall(
     r"^uv run ballplate (trace trace\.log.*?)(?:\s+#.*)?$", PAGE.read_text(), re.MULTILINE
@@ -190,7 +216,7 @@ SHOWN = re.findall(
 def test_every_command_of_the_page_works(said, command):
     code, out, _ = said(*command.split()[1:])
     assert code == 0
-    assert ("answer the same" if "--replay" in command else "operation enabled") in out
+    assert ("answer the same" if "--replay" in command else "nothing wrong") in out
 
 
 def test_the_page_shows_what_a_trace_of_the_rig_says(said):

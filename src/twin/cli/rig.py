@@ -18,10 +18,21 @@ import click
 from ballplate.running import EMULATED_RIG, rig_of
 from twin.base.errors import LogError, RigError
 from twin.base.jobs import cores
-from twin.base.page import Table, digits
+from twin.base.page import Table
 from twin.base.writing import check_writable, write_whole
 from twin.cli import options
-from twin.cli.output import TERMINAL, Shown, bold, console, json_wanted, progress, say, show, warn
+from twin.cli.output import (
+    TERMINAL,
+    Shown,
+    console,
+    dim,
+    json_wanted,
+    progress,
+    say,
+    show,
+    warn,
+)
+from twin.cli.trace_report import node_tables, verdict_lines
 from twin.devices.akd import TRACE_FILE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
@@ -338,8 +349,13 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option("--rig", type=options.PATH, help="Rig file: names, scales and mapping of its drives.")
 @click.option("--eds", type=options.PATH, help="EDS file of the drives: what objects are called.")
 @click.option("--channel", help="Which channel of the trace [the one with most frames].")
+@click.option(
+    "--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s, for its load [that of --rig]."
+)
 @click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
 @click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
+@click.option("--all", "everything", is_flag=True, help="Also what nodes sent, values and events.")
+@click.option("--check", is_flag=True, help="Exit with 1 if a problem is unresolved at the end.")
 @click.option("--touch", type=options.PATH, help="The data of the touch screen, a CSV file.")
 @click.option("--log", type=options.PATH, help="With --rig and --touch: write a log there, .csv.")
 @options.JSON
@@ -348,26 +364,33 @@ def trace(
     rig: Path | None,
     eds: Path | None,
     channel: str | None,
+    bitrate: int | None,
     out: Path | None,
     touch: Path | None,
     log: Path | None,
     *,
     again: bool,
+    everything: bool,
+    check: bool,
 ) -> int:
-    """Decode what the drives and their host sent, from a trace of the CAN bus.
+    """State what went wrong on a CAN bus, from a trace of it: what happened, and each problem.
 
     FILE is a trace of any program (candump, .asc, .blf, .trc, .csv, .pcap, also .gz), or the folder
-    of a run on the wire. Of PDOs only changes are reported. --log makes a log of it, which
-    compare, identify and shadow take: encoders, motors and commands, whoever drove.
+    of a run on the wire. --all also decodes what the drives and their host sent; of PDOs only
+    changes are reported. --log makes a log of it, which compare, identify and shadow take:
+    encoders, motors and commands, whoever drove.
     --replay sends the host's frames to emulated drives, and reports different answers.
     """
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
+    from twin.devices.akd.findings import Severity, assess
     from twin.devices.akd.traces import read_trace
 
     if log is not None and (rig is None or touch is None):
         raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
     place = file / TRACE_FILE if file.is_dir() else file
     found = read_trace(place, channel)
+    if again and check:
+        raise LogError("--check: not with --replay, which has an exit code of its own")
     if not found.timed and (again or log):
         raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
     if place.name == TRACE_FILE:
@@ -385,7 +408,9 @@ def trace(
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary["timed"] = found.timed
     remarks = [*found.remarks, *names.sheet.remarks, *conversation.remarks()]
-    summary |= conversation.summary() | {"remarks": remarks}
+    conversation.bitrate = bitrate or conversation.bitrate
+    verdict = assess(conversation, found.remarks)
+    summary |= verdict.as_dict() | conversation.summary() | {"remarks": remarks}
     events = [event._asdict() for event in conversation.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:
@@ -395,21 +420,22 @@ def trace(
 
         home = np.radians(own.home_deg)
         export(log, log_of_trace(conversation, drives, cams_of(own), home, touch), TRACE_UNITS)
-    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:]) for each in conversation.events]
+    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:4]) for each in conversation.events]
     when = "time [s]" if found.timed else "frame"
     span = f" in {conversation.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:]), *rows])
+        csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:4]), *rows])
         write_whole(out, text.getvalue())
-    shown = (
-        bold(f"{file}: {len(found.frames)} frames on {found.channel}{span}"),
-        *remarks,
-        *_nodes(summary),
-        Table("", (when, "who", "kind", "what"), rows, words=(1, 2, 3)),
-    )
+    heading = f"{file}: {len(found.frames)} frames on {found.channel}{span}"
+    shown: list[Shown] = [*verdict_lines(verdict, heading, timed=found.timed), *remarks]
+    if everything:
+        shown += node_tables(summary)
+        shown.append(Table("", (when, "who", "kind", "what"), rows, words=(1, 2, 3)))
+    else:
+        shown.append(dim("more: --all for what each node sent, values and events"))
     show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
-    return 0
+    return int(check and verdict.worst is Severity.UNRESOLVED)
 
 
 def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:
@@ -431,51 +457,6 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
     numbers = {"trace": str(file), **found._asdict(), "remarks": remarks}
     show(numbers | {"difference": first and first._asdict()}, (compared_text, *remarks, shown))
     return int(first is not None)
-
-
-def _nodes(found: dict[str, Any]) -> list[Table]:
-    """The actions and the traffic of each node, as tables."""
-    nodes = found["nodes"].values()
-    heads = ("", "sent", "network", "drive", "SDO", "faults")
-    did = [
-        (
-            node["name"],
-            format_counts(node["frames"]) or "nothing",
-            " -> ".join(node["states"]),
-            "; ".join(
-                f"axis {axis}: {' -> '.join(states)}" if axis > 1 else " -> ".join(states)
-                for axis, states in ({1: node["drive"]} | node["axes"]).items()
-                if states
-            ),
-            format_counts(node["transfers"]),
-            "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
-        )
-        for node in nodes
-    ]
-    if errors := found["errors"]:
-        text = "; ".join(f"{count} {what}" for what, count in errors.items())
-        did.append(("adapter", f"{sum(errors.values())} error frames", "", "", "", text))
-    signals = [
-        (node["name"], name, digits(its["from"]), digits(its["to"]), _unit(its))
-        for node in nodes
-        for name, its in node["signals"].items()
-    ]
-    tables = (
-        Table("", heads, did, words=range(len(heads))),
-        Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4)),
-    )
-    return [each for each in tables if each.rows]
-
-
-def _unit(signal: dict[str, Any]) -> str:
-    """Unit of a signal; of one without any counts, but for numbers of IEEE 754, which are none."""
-    whole = isinstance(signal["from"], int) and isinstance(signal["to"], int)
-    return str(signal["unit"]) or ("counts" if whole else "")
-
-
-def format_counts(numbers: dict[str, int]) -> str:
-    """Numbers by what was counted, in words."""
-    return ", ".join(f"{count} {name}" for name, count in numbers.items())
 
 
 DEFAULT_PORT = 8090

@@ -207,10 +207,11 @@ def test_gaps_and_ends_of_what_comes_regularly_are_told():
         "no heartbeat of node 1 from here on (usually every 20 ms)",
     ]
     assert [each.time for each in told.events if each.kind == "gap"] == pytest.approx([0.4, 0.5])
-    assert told.pauses["SYNC"] == {
+    assert told.summary()["regular"]["SYNC"] == {
         "usual": pytest.approx(0.002),
         "gaps": 1,
         "longest": pytest.approx(0.01),
+        "worst": pytest.approx(0.01),
     }
 
 
@@ -417,6 +418,76 @@ def test_status_bits_that_a_drive_does_not_serve_are_left_alone():
     assert texts(akd, "PDO") == [
         "6041h Status word: fault, no main voltage, not under remote control (0008h)"
     ]
+
+
+@pytest.mark.parametrize(
+    ("mode", "status", "words"),
+    [
+        (1, 0x1237, "set-point acknowledged"),
+        (1, 0x2237, "following error"),
+        (3, 0x1237, "speed 0"),
+        (3, 0x2237, "maximum slippage"),
+        (4, 0x0637, "target reached"),
+        (6, 0x1237, "homing attained"),
+        (6, 0x3237, "homing attained, homing error"),
+        (7, 0x1237, "interpolating"),
+        (8, 0x3237, "following error"),
+        (9, 0x1237, ""),
+        (10, 0x2237, ""),  # reserved there
+    ],
+)
+def test_bits_of_the_status_word_are_those_of_the_mode(mode, status, words):
+    told = said(
+        *reads(5, 0x6061, 0, f"{mode:02x}"),
+        *reads(5, 0x6041, 0, status.to_bytes(2, "little").hex()),
+    )
+    assert told.mode(5, 1) == mode
+    text = "operation enabled" + (f", {words}" if words else "")
+    assert texts(told, "SDO")[-1] == (f"reads 6041h Status word of node 5: {text} ({status:04X}h)")
+
+
+def test_a_cyclic_mode_that_does_not_follow_says_so_once_it_was_seen_to_follow():
+    cst = reads(5, 0x6061, 0, "0a")
+    frames = (frame(0.2 + 0.1 * k, 0x185, data) for k, data in enumerate(("3712", "3702", "3102")))
+    assert texts(said(*cst, *frames), "PDO") == [
+        "6041h Status word: operation enabled (1237h)",
+        "6041h Status word: operation enabled, does not follow the command (0237h)",
+        "6041h Status word: ready to switch on (0231h)",
+    ]
+
+
+def test_speed_0_and_target_reached_come_and_go_without_an_event():
+    words = (frame(0.2 + 0.1 * k, 0x185, data) for k, data in enumerate(("3702", "3716", "3702")))
+    assert len(texts(said(*reads(5, 0x6061, 0, "03"), *words), "PDO")) == 1
+
+
+@pytest.mark.parametrize(
+    ("mode", "control", "words"),
+    [
+        (1, 0x001F, "enable operation, new set-point"),
+        (1, 0x007F, "enable operation, new set-point, at once, relative"),
+        (2, 0x007F, "enable operation, ramp enabled, ramp unlocked, ramp on reference"),
+        (6, 0x001F, "enable operation, start homing"),
+        (7, 0x001F, "enable operation, interpolate"),
+        (3, 0x011F, "enable operation, halt"),
+        (9, 0x001F, "enable operation"),
+        (1, 0x0016, "shutdown"),
+    ],
+)
+def test_bits_of_the_control_word_are_those_of_the_mode(mode, control, words):
+    assert protocol.control_words(control, mode) == words
+    second = said(
+        *reads(5, 0x6861, 0, f"{mode:02x}"),
+        *reads(5, 0x6840, 0, control.to_bytes(2, "little").hex()),
+    )
+    assert texts(second, "SDO")[-1] == (
+        f"reads 6840h Control word of axis 2 of node 5: {words} ({control:04X}h)"
+    )
+
+
+def test_a_device_without_a_standard_profile_may_be_a_drive():
+    told = said(*reads(5, 0x1000, 0, "00000000"), *reads(5, 0x6041, 0, "3702"))
+    assert told.nodes[5].drive == ["operation enabled"]
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,7 @@ def test_what_is_at_fault_costs_itself_and_a_remark(tmp_path, good, bad, remark)
         SHEET.replace("[1800sub1]", "[1800SUB1]").replace("[1A00sub1]", "[1a00Sub1]"),
         SHEET.replace("\n", "\r\n"),
         SHEET.replace("DataType=0x7\n", "DataType = 0x7 ; of 32 bits\n"),
+        SHEET.replace("DataType=0x7\n", "DataType=0x7 # of 32 bits\n"),
         SHEET.replace("0x280", "0X280").replace("0x23000020", "587202592"),
         SHEET.replace("ParameterName", "parametername").replace("DefaultValue", "DEFAULTVALUE"),
     ],

@@ -152,7 +152,7 @@ def test_error_frames_of_candump_are_told(tmp_path, capsys):
         "error frame: controller, receive errors: passive",
     ]
     assert not told.strangers
-    _, out, _ = called(capsys, "trace", str(tmp_path / "a.log"))
+    _, out, _ = called(capsys, "trace", str(tmp_path / "a.log"), "--all")
     assert "3 error frames" in " ".join(out.split())
 
 

@@ -9,7 +9,6 @@ vendor is known, and positions are angles only where the trace shows what a unit
 from __future__ import annotations
 
 import math
-import struct
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -21,16 +20,43 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.devices.akd import protocol
 from twin.devices.akd.eds import DataSheet, read_data_sheet
+from twin.devices.akd.observed import (
+    BUS,
+    Change,
+    Command,
+    EmergencyReport,
+    ErrorFrame,
+    Gap,
+    Observed,
+    Rhythm,
+    StrayAnswer,
+    StreamKey,
+    Transfer,
+)
 from twin.devices.akd.protocol import RPM, TURN_RAD, Key, Object, mappings, table
+from twin.devices.akd.wire_values import (
+    PROFILE,
+    VENDOR,
+    decode_number,
+    decode_value,
+    error_words_of,
+    find_identities,
+    list_foreign,
+    longest_bits,
+    shown_mask,
+    split_mapping,
+)
 
 if TYPE_CHECKING:
     from twin.devices.akd.config import AkdConfig
     from twin.devices.akd.trace_files.frames import BusFrame
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
-_ERROR_CODE, _FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
-_TOLD = {CONTROL, STATUS, 0x6060, 0x6061, _ERROR_CODE, 0x1001, 0x60FD}
+ERROR_CODE, FAULTS = 0x603F, 0x2001
+_TOLD = {CONTROL, STATUS, 0x6060, 0x6061, ERROR_CODE, 0x1001, 0x60FD}
 """Objects of which every change in a PDO is reported."""
+MODES = (0x6061, 0x6060)
+"""The mode of operation, as it is displayed and as it is given."""
 _POSITIONS = (0x6062, PLACE, 0x607A, 0x60F4)
 """In units of the user; the feed (6092h) gives their number in a turn of the shaft."""
 _INCREMENTS = (0x6063, 0x60FC)
@@ -38,10 +64,10 @@ _INCREMENTS = (0x6063, 0x60FC)
 _VELOCITIES = (0x606B, SPEED, TARGET)
 AKD = 0x6A
 """Vendor of the drives that count velocities in 0.001 rpm."""
-_DRIVES = {402, 0xFFFF}
-"""Profiles (low word of 1000h) of drives, and of devices of several profiles."""
+_DRIVES = {0, 402, 0xFFFF}
+"""Profiles (low word of 1000h) of drives, of devices of several profiles, and of none (0)."""
 _VENDORS_OBJECTS, _PROFILES_OBJECTS = range(0x2000, 0x6000), range(0x6000, 0xA000)
-_AXIS = 0x800
+AXIS_OFFSET = 0x800
 """Objects from one axis of a drive to the next."""
 _UNUSED = 0x20
 """Index below which a mapped object is a type: bits that stand for nothing."""
@@ -52,14 +78,21 @@ _LONG = 1.6
 """Times the usual pause from which one is a gap."""
 _FEW, _MOST = 10, 20
 """Fewest frames in which a rhythm is seen; most gaps of one kind that are reported, the longest."""
-_ENDED, _ENDED_FOR = 5, 0.05
+_ENDED, _ENDED_FOR = 3, 0.05
 """Times the usual pause, and s, from which something has ended before the trace does."""
 _SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 0, 1, 2, 4, 5, 6
+_DOWNLOAD_ANSWER = 3
 """Command specifiers of SDO: reading is an upload, writing a download."""
 _SIZED, _EXPEDITED = 1, 2
 """Bits of the specifier that begins a transfer: its size is stated; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
+_NAMING = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
+"""Command specifiers of answers that name their object."""
+_OPEN = 50
+"""Transfers back in which the request of a late answer is looked for."""
 _UNANSWERED = "unanswered", "no answer"
+_SHORT_S = 0.2
+"""Time in s below which one is given in ms."""
 HOST = "host"
 """Who sends what only a master sends."""
 
@@ -82,12 +115,14 @@ class TracedEvent(NamedTuple):
         who: The sender.
         kind: NMT, SDO, PDO, EMCY, heartbeat, SYNC or bus.
         text: What, in words.
+        frame: Number of the frame, from 1.
     """
 
     time: float
     who: str
     kind: str
     text: str
+    frame: int = 0
 
 
 class Pdo(NamedTuple):
@@ -150,7 +185,7 @@ def axis_of(index: int) -> tuple[int, int]:
     """The object of the first axis that an object is like, and its axis, 1 for the first."""
     if index not in _PROFILES_OBJECTS:
         return index, 1
-    axis, offset = divmod(index - _PROFILES_OBJECTS.start, _AXIS)
+    axis, offset = divmod(index - _PROFILES_OBJECTS.start, AXIS_OFFSET)
     return _PROFILES_OBJECTS.start + offset, axis + 1
 
 
@@ -206,6 +241,7 @@ class _Transfer:
     """
 
     since: float
+    frame: int
     key: Key
     writes: bool
     block: bool
@@ -257,11 +293,16 @@ class Conversation:
         self._long: Counter[int] = Counter()
         self.errors: Counter[str] = Counter()
         """Error frames by what they say."""
-        self.pauses: dict[str, dict[str, Any]] = {}
-        """Of what came regularly: its usual pause in s, its gaps and the longest."""
+        foreign, echoes = list_foreign(heard)
+        self.observed = Observed(foreign=foreign)
+        self.echoes = len(echoes)
+        """Frames that the adapter handed back to its host; they are left out."""
+        """What the frames show, as data."""
+        self.timed = timed
+        """Whether the frames have times, or their numbers instead."""
         self._names = names or Names()
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
-        self._times: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+        self._frame = 0
         self._sdo: dict[int, _Transfer] = {}
         self.pdos: dict[int, Pdo] = {}
         """PDOs by their identifier, as the trace has them at its end."""
@@ -272,11 +313,17 @@ class Conversation:
         self._last: dict[object, object] = {}
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
         self._objects: dict[tuple[int, Key], Object] = {}
-        self._there, self._identities = _introduced(heard)
+        self._there, self._identities = find_identities(heard)
+        self.bitrate: int | None = rig.bus.bitrate if rig else None
+        """Bit rate of the bus in bit/s; None if it is not known."""
         self.values = _Held(self._known_of)
         """What objects of nodes hold at its end, as far as it was read or written."""
-        for message in heard:
-            self._take(message, message.timestamp - self.begin)
+        for self._frame, message in enumerate(heard, 1):
+            is_echo, at = self._frame in echoes, message.timestamp - self.begin
+            self.observed.times.append(at)
+            self.observed.bits.append(0 if is_echo else longest_bits(message))
+            if not is_echo:
+                self._take(message, at)
         for node, left in sorted(self._sdo.items()):
             self._ended(node, left, *_UNANSWERED)
         if timed:
@@ -286,7 +333,7 @@ class Conversation:
     def _known_of(self, node: int) -> dict[Key, int]:
         """What the trace does not show: by the standard, by the maker's file, by the rig's."""
         known = dict[Key, int]()
-        if self._is_drive(node):
+        if self.is_drive(node):
             known |= mappings({int(at, 16): each for at, each in table()["defaults"].items()})
         if self._is_of_sheet(node):
             known |= self._names.sheet.held_by(node)
@@ -296,18 +343,18 @@ class Conversation:
 
     def _is_of_sheet(self, node: int) -> bool:
         """Whether the EDS file may describe a node: not if the trace shows a different vendor."""
-        vendor = self._identities.get((node, _VENDOR))
+        vendor = self._identities.get((node, VENDOR))
         return vendor is None or self._names.sheet.vendor in (None, vendor)
 
     def is_akd(self, node: int) -> bool:
         """Whether a node is an AKD: by the rig file, the trace, or the EDS file."""
-        vendor = self._identities.get((node, _VENDOR), self._names.sheet.vendor)
+        vendor = self._identities.get((node, VENDOR), self._names.sheet.vendor)
         return node in self._axes or vendor == AKD
 
-    def _is_drive(self, node: int) -> bool:
+    def is_drive(self, node: int) -> bool:
         """Whether a node may be a drive: unless the trace or its file shows a different profile."""
-        default = self._names.sheet.defaults.get(_PROFILE) if self._is_of_sheet(node) else None
-        profile = self._identities.get((node, _PROFILE), default.number if default else None)
+        default = self._names.sheet.defaults.get(PROFILE) if self._is_of_sheet(node) else None
+        profile = self._identities.get((node, PROFILE), default.number if default else None)
         return node in self._axes or profile is None or profile & 0xFFFF in _DRIVES
 
     def _object(self, node: int, key: Key) -> Object:
@@ -317,7 +364,7 @@ class Conversation:
             found = self._objects[node, key] = self._names.describe(
                 key,
                 akd=self.is_akd(node),
-                drive=self._is_drive(node),
+                drive=self.is_drive(node),
                 sheet=self._is_of_sheet(node),
             )
         return found
@@ -325,19 +372,45 @@ class Conversation:
     def _is_told(self, node: int, key: Key) -> bool:
         """Whether every change of an object is reported."""
         index = axis_of(key[0])[0]
-        if index == _FAULTS:
+        if index == FAULTS:
             return self.is_akd(node)
-        return index in _TOLD and (index < _PROFILES_OBJECTS.start or self._is_drive(node))
+        return index in _TOLD and (index < _PROFILES_OBJECTS.start or self.is_drive(node))
 
     @property
     def sync(self) -> array[float]:
         """When SYNC was sent, s since the first frame."""
-        return self._times["SYNC"]
+        return self.observed.streams[StreamKey(BUS, "SYNC")].time
 
     def called(self, node: int) -> str:
         """What a node is called."""
         axis = self._axes.get(node)
         return f"node {node}" + (f" ({axis.name})" if axis else "")
+
+    def span(self, seconds: float) -> str:
+        """A time in words; without times, the frames that have their place."""
+        if not self.timed:
+            return f"{seconds:.0f} frames"
+        return f"{1e3 * seconds:.3g} ms" if seconds < _SHORT_S else f"{seconds:.3g} s"
+
+    def plate_object(self, node: int) -> Key | None:
+        """The object of the plate's encoder in a node; None if no rig file names it."""
+        return self._axes[node].plate_object if node in self._axes else None
+
+    def mode(self, node: int, axis: int, time: float = math.inf) -> int | None:
+        """The mode of operation of an axis at a time in s; None if the trace does not show it.
+
+        The mode that the drive displays counts, else the one that it is given.
+        """
+        for index in MODES:
+            changes = self.observed.changes.get((node, (index + (axis - 1) * AXIS_OFFSET, 0)), ())
+            shown = (each.value for each in reversed(changes) if each.time <= time)
+            if (mode := next(shown, None)) is not None:
+                return mode
+        return None
+
+    def has_axes(self, node: int) -> bool:
+        """Whether a drive has several axes."""
+        return node in self.nodes and bool(self.nodes[node].axes)
 
     def scale(self, node: int, key: Key) -> tuple[float, str]:
         """Factor and SI unit of an object of a node; 1 and nothing if they are not known.
@@ -350,13 +423,13 @@ class Conversation:
         axis, (index, number) = self._axes.get(node), axis_of(key[0])
         if axis is not None and key == axis.plate_object:
             return axis.plate, "rad"
-        if key[1] or not self._is_drive(node):
+        if key[1] or not self.is_drive(node):
             return 1.0, ""
         if axis is not None and index in _POSITIONS:
             return axis.position, "rad"
         if index in _VELOCITIES and self.is_akd(node):
             return axis.velocity if axis else 0.001 * RPM, "rad/s"
-        units = self._units_a_turn(node, index, (number - 1) * _AXIS)
+        units = self._units_a_turn(node, index, (number - 1) * AXIS_OFFSET)
         return (TURN_RAD / units, "rad") if units else (1.0, "")
 
     def _units_a_turn(self, node: int, index: int, offset: int) -> float | None:
@@ -386,16 +459,19 @@ class Conversation:
         index, sub = axis_of(key[0])[0], key[1]
         factor, unit = self.scale(node, key)
         of_pdo, maps = index in protocol.PDOS, bool(index & 0x200)
-        text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & _mask(value):X}h)"
-        drive = self._is_drive(node)
+        text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & shown_mask(value):X}h)"
+        drive = self.is_drive(node)
         if index == STATUS and drive:
-            served = 0xFFFF if self.is_akd(node) else self._served[node, key[0]]
-            text = f"{protocol.status_words(value, served)} ({value:04X}h)"
+            seen = self._served[node, key[0]]
+            served = 0xFFFF if self.is_akd(node) else seen
+            mode = self.mode(node, axis_of(key[0])[1])
+            text = f"{protocol.status_words(value, served, mode, seen)} ({value:04X}h)"
         elif index == CONTROL and drive:
-            text = f"{protocol.control_words(value)} ({value:04X}h)"
+            mode = self.mode(node, axis_of(key[0])[1])
+            text = f"{protocol.control_words(value, mode)} ({value:04X}h)"
         elif index in {0x6060, 0x6061} and drive:
             text = table()["modes"].get(f"{value}", f"mode {value}")
-        elif index == _ERROR_CODE and drive and value:
+        elif index == ERROR_CODE and drive and value:
             words = protocol.error_words(value, akd=self.is_akd(node))
             text = f"{value:04X}h {words}".strip()
         elif index == 0x1016 and sub and value:
@@ -403,9 +479,9 @@ class Conversation:
         elif of_pdo and not maps and sub == 1:
             text = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
-            carried, bits = _split_mapping(value)
+            carried, bits = split_mapping(value)
             text = f"{self.object_name(node, carried)}, {bits} bits"
-        elif index == _FAULTS and sub and value and self.is_akd(node):
+        elif index == FAULTS and sub and value and self.is_akd(node):
             text = protocol.fault_words([value])
         elif unit:
             text = f"{value * factor:.6g} {unit}"
@@ -429,14 +505,19 @@ class Conversation:
         }
         strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
         return {"begin": self.begin, "duration": self.duration, "nodes": nodes, "pdos": pdos} | {
-            "regular": self.pauses,
+            "regular": {
+                self.label(stream): rhythm.summary()
+                for stream, rhythm in self.observed.rhythms.items()
+            },
             "strangers": strangers,
             "errors": dict(self.errors),
         }
 
     def remarks(self) -> list[str]:
-        """Facts reported nowhere else: frames that are no CANopen, a file of a different vendor."""
+        """Facts reported nowhere else: frames that are left out, a file of a different vendor."""
         remarks = []
+        if self.echoes:
+            remarks.append(f"left out: {self.echoes} frames that the adapter handed back")
         others = self.strangers - self._long
         kinds = {"with 29-bit identifiers, no CANopen": self._long, "of no known service": others}
         for kind, counts in kinds.items():
@@ -446,7 +527,7 @@ class Conversation:
                 remarks.append(f"not decoded: {counts.total()} frames {kind} ({shown})")
         for node in sorted(self.nodes) if self._names.sheet.objects else ():
             if not self._is_of_sheet(node):
-                vendors = self._names.sheet.vendor or 0, self._identities[node, _VENDOR]
+                vendors = self._names.sheet.vendor or 0, self._identities[node, VENDOR]
                 remarks.append(
                     f"{self.called(node)}: the EDS file is not used: it is of vendor "
                     f"{vendors[0]:X}h, the node of {vendors[1]:X}h"
@@ -470,24 +551,36 @@ class Conversation:
         return value != before
 
     def _say(self, at: float, who: str, kind: str, text: str) -> None:
-        self.events.append(TracedEvent(at, who, kind, text))
+        self.events.append(TracedEvent(at, who, kind, text, self._frame))
+
+    def _note(self, at: float, node: int, key: Key, value: int) -> None:
+        """Keep a value of an object where it changes."""
+        changes = self.observed.changes[node, key]
+        if not changes or changes[-1].value != value:
+            changes.append(Change(at, self._frame, value))
 
     def _take(self, message: BusFrame, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame:
-            what = _error_words(identifier, data)
+            what = error_words_of(identifier, data)
             self.errors[what] += 1
+            self.observed.error_frames.append(ErrorFrame(at, self._frame, identifier, what))
             self._say(at, "adapter", "bus", f"error frame: {what}")
         elif message.is_extended_id:
             self.strangers[identifier] += 1
             self._long[identifier] += 1
+        elif message.is_remote_frame:  # asks for a frame, and carries nothing
+            node = identifier - protocol.HEARTBEAT
+            if 0 < node <= protocol.NODE_MASK:
+                self.observed.guards[node].append(at, self._frame)
         elif identifier == protocol.NMT and len(data) == 2:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
             self._say(at, HOST, "NMT", f"{command}: {whom}")
+            self.observed.commands.append(Command(at, self._frame, data[0], data[1]))
         elif identifier == protocol.SYNC:
-            self._times["SYNC"].append(at)
-        elif not message.is_remote_frame:
+            self.observed.streams[StreamKey(BUS, "SYNC")].append(at, self._frame)
+        else:
             self._service(at, identifier, data)
 
     def _service(self, at: float, identifier: int, data: bytes) -> None:
@@ -504,23 +597,28 @@ class Conversation:
         else:
             node = self._node(number)
             node.frames[kind] += 1
+            self.observed.sent_by[number].append(at, self._frame)
             if service == protocol.EMERGENCY:
                 message = protocol.decode_emergency(data)
                 words = message.in_words(akd=self.is_akd(number))
                 self._say(at, node.name, kind, words)
+                report = EmergencyReport(at, self._frame, number, message.code, words)
+                self.observed.emergencies.append(report)
                 if message.code:
                     node.faults.append({"time": at, "text": words})
             elif service == protocol.SDO_RESPONSE:
                 self._transfer(at, number, data, asks=False)
             elif (state := protocol.decode_nmt_state(data)) is not None:
-                self._heartbeat(at, node, state)
+                self.observed.life[number].append(Change(at, self._frame, data[0]))
+                self._heartbeat(at, number, state)
 
-    def _heartbeat(self, at: float, node: Node, state: int) -> None:
-        words = protocol.nmt_words(state)
+    def _heartbeat(self, at: float, number: int, state: int) -> None:
+        node, words = self._node(number), protocol.nmt_words(state)
         if state:
-            self._times[f"heartbeat of {node.name}"].append(at)
+            self.observed.streams[StreamKey(number, "heartbeat")].append(at, self._frame)
         if not state or node.states[-1:] != [words]:
             node.states.append(words)
+            self.observed.network[number].append(Change(at, self._frame, state))
             self._say(at, node.name, "heartbeat", words)
 
     def _power(self, at: float, number: int, key: Key, status: int) -> None:
@@ -574,7 +672,7 @@ class Conversation:
         """What a PDO of a node carries, as far as it is known now."""
         mapping, values = parameters + 0x200, self.values[number]
         count = values.get((mapping, 0), 0) & 0xFF
-        entries = [_split_mapping(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
+        entries = [split_mapping(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
         name = f"{'T' if parameters >= 0x1800 else 'R'}PDO{(parameters & 0x1FF) + 1}"
         return Pdo(number, name, tuple(entries))
 
@@ -583,11 +681,14 @@ class Conversation:
         who = node.name if pdo.name[0] == "T" else HOST
         if who != HOST:
             node.frames["PDO"] += 1
-        stream = f"{pdo.name} of {node.name}"
-        self._times[stream].append(at)
+            self.observed.sent_by[pdo.node].append(at, self._frame)
+        key, stream = StreamKey(pdo.node, pdo.name), f"{pdo.name} of {node.name}"
+        self.observed.streams[key].append(at, self._frame)
         fits = self._unpack(at, who, pdo, data)
         for other in self._receivers.get(identifier, {}).values():
             fits |= self._unpack(at, who, other, data)
+        if not fits:
+            self.observed.misfits[key].append(at, self._frame)
         if not fits and self._new(stream, len(data)):
             known = f"{sum(bits for _, bits in pdo.entries)} bits are known: not decoded"
             self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
@@ -601,7 +702,7 @@ class Conversation:
         packed = int.from_bytes(data, "little")
         for entry in entries:
             raw = packed >> entry.first & (1 << entry.bits) - 1
-            value = _number(entry.type, raw, entry.bits)
+            value = decode_number(entry.type, raw, entry.bits)
             counts = entry.series.counts
             if entry.told and (not counts or counts[-1] != value):
                 self._changed(at, who, pdo, entry.key, int(value))
@@ -627,10 +728,15 @@ class Conversation:
 
     def _changed(self, at: float, who: str, pdo: Pdo, key: Key, value: int) -> None:
         """Report a value of a PDO that differs from the one before."""
-        if axis_of(key[0])[0] == STATUS:
+        self._note(at, pdo.node, key, value)
+        index, axis = axis_of(key[0])
+        if index == STATUS:
             self._power(at, pdo.node, key, value)
-        words = self.words(pdo.node, key, value)
-        meaning = words.partition(" (")[0]
+        words = meaning = self.words(pdo.node, key, value)
+        if index == STATUS:
+            passing = protocol.passing_bits(self.mode(pdo.node, axis))
+            meaning = self.words(pdo.node, key, value & ~passing)
+        meaning = meaning.partition(" (")[0]
         if self._new((pdo.node, key), meaning):
             to = "" if who == self.called(pdo.node) else f" to {self.called(pdo.node)}"
             self._say(at, who, "PDO", f"{self.object_name(pdo.node, key)}{to}: {words}")
@@ -648,12 +754,18 @@ class Conversation:
             if transfer is not None:
                 self._ended(number, transfer, *_UNANSWERED)
             key = data[1] | data[2] << 8, data[3]
-            transfer = self._sdo[number] = _Transfer(at, key, writes, block)
+            transfer = self._sdo[number] = _Transfer(at, self._frame, key, writes, block)
+        elif not asks and command in _NAMING:
+            key = data[1] | data[2] << 8, data[3]
+            if transfer is None or key != transfer.key:
+                self._answer_late(at, number, key)
+                return
         if transfer is None:
             return
         if command == _ABORT:
-            why = protocol.abort_words(int.from_bytes(data[4:], "little"))
-            self._ended(number, self._sdo.pop(number), "refused", f"refused, {why}")
+            code = int.from_bytes(data[4:], "little")
+            why = f"refused, {protocol.abort_words(code)}"
+            self._ended(number, self._sdo.pop(number), "refused", why, at, abort=code)
             return
         if command == _SEGMENT:
             transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
@@ -667,9 +779,21 @@ class Conversation:
         if not asks and (transfer.block or not transfer.more):
             self._done(at, number, self._sdo.pop(number))
 
+    def _answer_late(self, at: float, number: int, key: Key) -> None:
+        """Assign an answer to an earlier request of that object that had none."""
+        transfers = self.observed.transfers
+        for k in range(len(transfers) - 1, max(len(transfers) - _OPEN, 0) - 1, -1):
+            each = transfers[k]
+            if each.node == number and each.key == key and each.end is None:
+                frames = (*each.frames, self._frame)
+                transfers[k] = each._replace(end=at, frames=frames, overlapped=True)
+                return
+        self.observed.strays.append(StrayAnswer(at, self._frame, number, key))
+
     def _done(self, at: float, number: int, transfer: _Transfer) -> None:
         key, data = transfer.key, transfer.data
         value = decode_value(self._object(number, key).type, data)
+        kept = value if isinstance(value, int) and not transfer.block else None
         if transfer.block:
             value_text = "a block, not decoded"
         elif isinstance(value, str):
@@ -681,21 +805,40 @@ class Conversation:
         else:
             self.values[number][key] = value
             index = axis_of(key[0])[0]
-            if index == STATUS and self._is_drive(number):
+            if self._is_told(number, key):
+                self._note(at, number, key, value)
+            if index == STATUS and self.is_drive(number):
                 self._power(at, number, key, value)
             value_text = self.words(number, key, value)
             if index in protocol.PDOS:
                 if not index & 0x200 and key[1] == 1:
                     self._identified.add((number, index))
                 self._assign(number, index & ~0x200)
-            elif index == _FAULTS and key[1] and value and self.is_akd(number):
+            elif index == FAULTS and key[1] and value and self.is_akd(number):
                 self._node(number).faults.append({"time": at, "text": value_text})
-        self._ended(number, transfer, "writes" if transfer.writes else "reads", value_text)
+        how = "writes" if transfer.writes else "reads"
+        self._ended(number, transfer, how, value_text, at, value=kept)
 
-    def _ended(self, number: int, transfer: _Transfer, how: str, value_text: str) -> None:
-        """Tell a transfer; what is read back as it was just written is part of that."""
+    def _ended(
+        self,
+        number: int,
+        transfer: _Transfer,
+        how: str,
+        value_text: str,
+        at: float | None = None,
+        *,
+        abort: int | None = None,
+        value: int | None = None,
+    ) -> None:
+        """Report a transfer; what is read back as it was just written is part of that."""
         node, what = self._node(number), self.object_name(number, transfer.key)
         node.transfers[how] += 1
+        frames = (transfer.frame,) if at is None else (transfer.frame, self._frame)
+        self.observed.transfers.append(
+            Transfer(
+                transfer.since, at, frames, number, transfer.key, transfer.writes, abort, value
+            )
+        )
         written = f"writes {what} to {node.name}: {value_text}"
         text = written if transfer.writes else f"reads {what} of {node.name}: {value_text}"
         if how == "reads" and self.events and self.events[-1].text == written:
@@ -736,114 +879,48 @@ class Conversation:
         found = next((each for each in sent if self._cob_id(other, each) == cob_id), None)
         return self._assigned(other, found) if found is not None else None
 
+    def label(self, stream: StreamKey) -> str:
+        """What a stream is called."""
+        return f"{stream.name} of {self.called(stream.node)}" if stream.node else stream.name
+
     def _find_gaps(self) -> None:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
-        missing: list[tuple[float, float]] = []
-        for stream in sorted(self._times, key=lambda each: each != "SYNC"):
-            times = self._times[stream]
+        missing: list[Gap] = []
+        for stream in sorted(self.observed.streams, key=lambda each: each.node != BUS):
+            times, frames = self.observed.streams[stream]
             if len(times) < _FEW:
                 continue
-            usual, last = median(after - before for before, after in pairwise(times)), times[-1]
-            found = [(a, b) for a, b in pairwise(times) if b - a > _LONG * usual]
-            if len(found) > _IRREGULAR * (len(times) - 1):
+            pauses = [after - before for before, after in pairwise(times)]
+            usual, last = median(pauses), times[-1]
+            long = [k for k, pause in enumerate(pauses) if pause > _LONG * usual]
+            if len(long) > _IRREGULAR * len(pauses):
                 continue
-            longest = max((b - a for a, b in found), default=0.0)
-            self.pauses[stream] = {"usual": usual, "gaps": len(found), "longest": longest}
-            if stream == "SYNC":
-                missing = found
-            elif not stream.startswith("heartbeat"):
-                found = [g for g in found if not any(a < g[1] and g[0] < b for a, b in missing)]
-            who = stream.partition(" of ")[2] or HOST
-            often = f"usually every {1e3 * usual:.3g} ms"
-            for begin, end in sorted(found, key=lambda gap: gap[0] - gap[1])[:_MOST]:
-                text = f"no {stream} for {1e3 * (end - begin):.3g} ms ({often})"
-                self._say(begin, who, "gap", text)
+            gaps = [Gap(times[k], times[k + 1], frames[k]) for k in long]
             if self.duration - last > max(_ENDED * usual, _ENDED_FOR):
-                self._say(last, who, "gap", f"no {stream} from here on ({often})")
+                gaps.append(Gap(last, None, frames[-1]))
+            self.observed.rhythms[stream] = Rhythm(usual, max(pauses), gaps)
+            if stream.node == BUS:
+                missing = gaps
+            elif stream.name != "heartbeat":
+                gaps = [each for each in gaps if not any(_overlap(each, gap) for gap in missing)]
+            self._say_gaps(stream, usual, gaps)
+
+    def _say_gaps(self, stream: StreamKey, usual: float, gaps: list[Gap]) -> None:
+        """Report the longest gaps of a stream."""
+        name, often = self.label(stream), f"usually every {1e3 * usual:.3g} ms"
+        who = self.called(stream.node) if stream.node else HOST
+        lengths = {gap: gap.end - gap.begin for gap in gaps if gap.end is not None}
+        for gap in sorted(lengths, key=lambda each: -lengths[each])[:_MOST]:
+            text = f"no {name} for {1e3 * lengths[gap]:.3g} ms ({often})"
+            self.events.append(TracedEvent(gap.begin, who, "gap", text, gap.frame))
+        for gap in gaps:
+            if gap.end is None:
+                text = f"no {name} from here on ({often})"
+                self.events.append(TracedEvent(gap.begin, who, "gap", text, gap.frame))
 
 
-def decode_value(kind: str, data: bytes) -> int | float | str | bytes:
-    """A value by the type of its object.
-
-    Args:
-        kind: Type of the object, as `Object` has it.
-        data: Its bytes, least first; as many as were sent.
-
-    Returns:
-        A number, text, or the bytes themselves where they are neither. Of an unknown type up to
-        four bytes are a number without sign, more are text if they are nothing else than ASCII.
-    """
-    letter, bits = kind[0], int(kind[1:])
-    bare = data.rstrip(b"\0")
-    if letter == "S":
-        text = _text(bare)
-        return text if text.isprintable() else data
-    if letter in "UI" and not bits and len(data) > 4:
-        return bare.decode("ascii") if bare.isascii() and bare.decode().isprintable() else data
-    if letter == "B" or not data or len(data) > 8:
-        return data
-    return _number(kind, int.from_bytes(data, "little"), 8 * len(data))
-
-
-def _text(data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
-def _number(kind: str, raw: int, sent: int) -> int | float:
-    """A number of a type out of the bits that were sent, which may be more or fewer than its own.
-
-    More bits are left out if they only fill it up: with zeros, or with the sign.
-    """
-    letter, bits = kind[0], int(kind[1:])
-    if letter == "F" and bits == sent:
-        whole = raw.to_bytes(bits // 8, "little")
-        return float(struct.unpack("<f" if bits == 32 else "<d", whole)[0])
-    if letter == "I":
-        above = raw >> bits
-        if bits < sent and above in (0, (1 << sent - bits) - 1):
-            raw, sent = raw & (1 << bits) - 1, bits
-        if raw >> sent - 1:
-            return raw - (1 << sent)
-    return raw
-
-
-def _mask(value: int) -> int:
-    """As many bits as a number is shown with."""
-    return 0xFFFFFFFF if -(1 << 31) <= value < 1 << 32 else (1 << 64) - 1
-
-
-def _introduced(heard: Iterable[BusFrame]) -> tuple[set[int], dict[tuple[int, Key], int]]:
-    """Nodes that say anything of themselves; profiles and vendors, by node and object."""
-    there, found = set[int](), dict[tuple[int, Key], int]()
-    for message in heard:
-        service = message.arbitration_id & ~protocol.NODE_MASK
-        if service not in (protocol.HEARTBEAT, protocol.SDO_RESPONSE) or message.is_error_frame:
-            continue
-        node = message.arbitration_id & protocol.NODE_MASK
-        there.add(node)
-        if service == protocol.SDO_RESPONSE:
-            answer = protocol.decode_sdo(bytes(message.data))
-            if answer and answer.data and answer.key in (_PROFILE, _VENDOR) and not answer.aborted:
-                found[node, answer.key] = answer.value
-    return there - {0}, found
-
-
-def _error_words(identifier: int, data: bytes) -> str:
-    """An error frame in words; the number of its classes and its bytes if these are not known.
-
-    Classes and bytes are those of SocketCAN.
-    """
-    known = [words for bit, words in table()["bus_errors"].items() if identifier & int(bit, 16)]
-    if identifier & 0x004 and len(data) > 1:
-        more = table()["controller_errors"].items()
-        known += [words for bit, words in more if data[1] & int(bit, 16)]
-    rest = f"{identifier:03X}h {data.hex(' ')}".strip() if identifier or data else "of unknown kind"
-    return ", ".join(known) or rest
-
-
-def _split_mapping(entry: int) -> tuple[Key, int]:
-    """The object that an entry of a mapping names, and its bits."""
-    return (entry >> 16, entry >> 8 & 0xFF), entry & 0xFF
+def _overlap(one: Gap, other: Gap) -> bool:
+    """Whether two gaps that are over lie at the same time."""
+    if one.end is None or other.end is None:
+        return False
+    return one.begin < other.end and other.begin < one.end

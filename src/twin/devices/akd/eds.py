@@ -190,9 +190,10 @@ def _printable(text: str) -> str:
 def _number(text: str) -> int | None:
     """A number as CiA 306 writes it, in any case of letters; None if it is none.
 
-    A leading zero means octal in CiA 306; ``001`` and the like are read so, ``08`` as decimal.
+    A leading zero means octal in CiA 306; ``001`` and the like are read so, ``08`` as decimal. What
+    follows a ``#`` after a space is a comment.
     """
-    text = text.strip().casefold().removesuffix("u")
+    text = re.sub(r"\s#.*$", "", text).strip().casefold().removesuffix("u")
     try:
         if re.fullmatch(r"0[0-7]+", text):
             return int(text, 8)

@@ -185,19 +185,46 @@ _HALT = 1 << 8
 PROFILE_VELOCITY = 3
 
 
-def status_words(status: int, served: int = 0xFFFF) -> str:
+TARGET_REACHED, MODE_BIT = 1 << 10, 1 << 12
+"""Bits of the status word: the target is reached; a bit whose meaning depends on the mode."""
+_PASSING = {PROFILE_VELOCITY: TARGET_REACHED | MODE_BIT}
+"""Bits of the status word that come and go with the motion, by mode; else `TARGET_REACHED`."""
+
+
+def passing_bits(mode: int | None) -> int:
+    """Bits of the status word that come and go with the motion, and are no other state.
+
+    Args:
+        mode: The mode of operation; None if it is not known.
+    """
+    return _PASSING.get(mode or 0, TARGET_REACHED)
+
+
+def status_words(
+    status: int, served: int = 0xFFFF, mode: int | None = None, seen: int = 0xFFFF
+) -> str:
     """A status word in words: the state, and what else it warns of.
 
     Args:
         status: The word.
         served: Bits that the drive serves; of the others it says nothing by leaving them 0.
+        mode: The mode of operation; None if it is not known.
+        seen: Bits that the drive has been seen to serve, of those whose meaning depends on the
+            mode.
     """
+    now = state(status)
     more = [
         words
         for bit, given, words in table()["said"]
         if bool(status & bit) is given and (given or served & bit)
     ]
-    return ", ".join((state(status).value, *more))
+    enabled = now is DriveState.OPERATION_ENABLED
+    more += [
+        words
+        for bit, given, words in table()["status_bits"].get(f"{mode}", ())
+        if bool(status & bit) is given and (given or (seen & bit and enabled))
+    ]
+    return ", ".join((now.value, *more))
 
 
 def error_words(code: int, *, akd: bool = True) -> str:
@@ -212,10 +239,19 @@ def error_words(code: int, *, akd: bool = True) -> str:
     return next((str(known[each]) for each in kinds if each in known), "")
 
 
-def control_words(control: int) -> str:
-    """What a control word asks for, in words."""
+def control_words(control: int, mode: int | None = None) -> str:
+    """What a control word asks for, in words.
+
+    Args:
+        control: The word.
+        mode: The mode of operation; None if it is not known.
+    """
     asked = next(words for mask, value, words in table()["asked"] if control & mask == value)
-    return f"{asked}, halt" if control & (_HALT | RESET | ENABLE) == _HALT | ENABLE else asked
+    if control & (RESET | ENABLE) != ENABLE:
+        return str(asked)
+    more = [words for bit, words in table()["control_bits"].get(f"{mode}", ()) if control & bit]
+    more += ["halt"] if control & _HALT else []
+    return ", ".join((asked, *more))
 
 
 def control_word(current: DriveState, request: AxisRequest) -> int:
@@ -245,6 +281,9 @@ START, PRE_OPERATIONAL = 1, 128
 
 OPERATIONAL = 5
 """NMT state in a heartbeat; 0 is a boot-up."""
+
+CONSUMER_HEARTBEAT = 0x1016
+"""Index of whose heartbeats a node watches: bits 16 to 22 the node, bits 0 to 15 the time in ms."""
 
 
 def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:

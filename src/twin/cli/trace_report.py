@@ -1,0 +1,104 @@
+"""What the command trace prints: the verdict with its findings, and tables of what was sent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from rich.text import Text
+
+from twin.base.errors import printable
+from twin.base.page import Table, digits
+
+if TYPE_CHECKING:
+    from twin.devices.akd.findings import Verdict
+
+COLOURS = {"unresolved": "bold red", "recovered": "bold yellow", "warning": "yellow"}
+"""Colours of severities; a trace without findings is green."""
+
+
+def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Text | str]:
+    """What happened, in one line; then each problem.
+
+    Args:
+        verdict: The verdict.
+        heading: What was read, in words.
+        timed: Whether the trace has times; else frames stand in their place.
+    """
+    worst = verdict.worst
+    yield Text(printable(verdict.headline), style=COLOURS[worst] if worst else "bold green")
+    yield f"{heading}; {verdict.count}" if verdict.count else heading
+    for number, finding in enumerate(verdict.findings, 1):
+        when = f"{finding.time:.3f} s" if timed else f"frame {finding.time:.0f}"
+        line = f"  {finding.code}  {when}  {verdict.places[number - 1]}: {finding.text}"
+        yield ""
+        yield Text.assemble(
+            f"{number:2}. ",
+            (str(finding.severity), COLOURS[finding.severity]),
+            printable(line),
+        )
+        rows = {
+            "motion": finding.motion,
+            "cause": "; ".join(finding.causes),
+            "check": "; ".join(finding.check),
+            "frames": _frames(finding.frames),
+        }
+        for head, words in rows.items():
+            if words:
+                yield f"      {head:<8}{words}"
+
+
+MAX_FRAMES_SHOWN = 8
+"""Numbers of frames that are printed with a finding; ``--json`` has all."""
+
+
+def _frames(numbers: tuple[int, ...]) -> str:
+    """Numbers of frames in words."""
+    shown = ", ".join(str(each) for each in numbers[:MAX_FRAMES_SHOWN])
+    left_out = len(numbers) - MAX_FRAMES_SHOWN
+    return f"{shown} and {left_out} more" if left_out > 0 else shown
+
+
+def node_tables(found: dict[str, Any]) -> list[Table]:
+    """The actions and the traffic of each node, as tables."""
+    nodes = found["nodes"].values()
+    heads = ("", "sent", "network", "drive", "SDO", "faults")
+    did = [
+        (
+            node["name"],
+            format_counts(node["frames"]) or "nothing",
+            " -> ".join(node["states"]),
+            "; ".join(
+                f"axis {axis}: {' -> '.join(states)}" if axis > 1 else " -> ".join(states)
+                for axis, states in ({1: node["drive"]} | node["axes"]).items()
+                if states
+            ),
+            format_counts(node["transfers"]),
+            "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
+        )
+        for node in nodes
+    ]
+    if errors := found["errors"]:
+        text = "; ".join(f"{count} {what}" for what, count in errors.items())
+        did.append(("adapter", f"{sum(errors.values())} error frames", "", "", "", text))
+    signals = [
+        (node["name"], name, digits(its["from"]), digits(its["to"]), _unit(its))
+        for node in nodes
+        for name, its in node["signals"].items()
+    ]
+    tables = (
+        Table("", heads, did, words=range(len(heads))),
+        Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4)),
+    )
+    return [each for each in tables if each.rows]
+
+
+def _unit(signal: dict[str, Any]) -> str:
+    """Unit of a signal; of one without any counts, but for numbers of IEEE 754, which are none."""
+    whole = isinstance(signal["from"], int) and isinstance(signal["to"], int)
+    return str(signal["unit"]) or ("counts" if whole else "")
+
+
+def format_counts(numbers: dict[str, int]) -> str:
+    """Numbers by what was counted, in words."""
+    return ", ".join(f"{count} {name}" for name, count in numbers.items())
