@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -60,18 +61,22 @@ def apply_play(track: Array, half: float) -> Array:
         track: Of the drive, shape (K,).
         half: Half the width of the gap, in its unit.
     """
-    place, places = 0.0, []
-    for low, high in zip((track - half).tolist(), (track + half).tolist(), strict=True):
-        if low > place:
-            place = low
-        elif high < place:
-            place = high
-        places.append(place)
-    return np.array(places)
+    low, high, rises = track - half, track + half, np.diff(track) > 0
+    turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
+    place, places = min(max(0.0, float(low[0])), float(high[0])), np.empty_like(track)
+    # in a stretch in which the drive goes one way, one side of the gap moves the plate
+    for first, last in pairwise((0, *turns.tolist(), len(track) - 1)):
+        part = slice(first, last + 1)
+        if rises[first]:
+            np.maximum(low[part], place, out=places[part])
+        else:
+            np.minimum(high[part], place, out=places[part])
+        place = places[last]
+    return places
 
 
-MAX_TRACKS = 40
-"""Tracks of a tilt that are kept for further simulations."""
+MAX_TRACK_VALUES = 3_000_000
+"""Values of the tracks of a tilt that are kept for further simulations: 50 MB with integrals."""
 
 
 def _remaining_share(lag: float) -> float:
@@ -153,7 +158,7 @@ class TiltHistory:
         if key not in self.driven:
             self.driven[key] = self._average_steps(key)
         if whole not in self.lagged:
-            if len(self.lagged) > MAX_TRACKS:
+            if len(self.lagged) * len(self.time) > MAX_TRACK_VALUES:
                 self.lagged.clear()
             stay, mean = _remaining_share(lag), self.driven[key]
             place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
