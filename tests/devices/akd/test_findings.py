@@ -100,7 +100,7 @@ def test_every_code_has_causes_and_a_first_check():
         assert kind.check, code
 
 
-PAGE = Path(__file__).parents[3] / "docs" / "can-trace.md"
+PAGE = Path(__file__).parents[3] / "docs" / "can-findings.md"
 
 
 def test_the_page_has_a_row_for_every_code():
