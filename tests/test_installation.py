@@ -43,5 +43,5 @@ def test_a_module_called_twin_that_is_there_already_is_one_line_that_names_it(tm
     (tmp_path / "twin.py").touch()
     done = python(tmp_path, "-c", "import twin, ballplate")
     last = done.stderr.splitlines()[-1]
-    named = f"ImportError: another module called twin was imported before ballplate: {tmp_path}"
+    named = f"ImportError: a different module called twin was imported before ballplate: {tmp_path}"
     assert last.startswith(named)
