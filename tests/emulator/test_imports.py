@@ -16,7 +16,7 @@ from twin.emulator.can_bus import EmulatedBus, PseudoTerminal, SlcanPort
 from twin.emulator.serve import Emulator, PauseWatch, serve_rig
 
 FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))
-HOST_SIDE = {f"twin.devices.akd.{each}" for each in ("config", "servos", "traces")}
+HOST_SIDE = {f"twin.devices.akd.{each}" for each in ("config", "servos", "recording")}
 """What the host runs on; the lockstep rig puts it on the emulated drives."""
 POSIX = {"pty", "tty", "termios", "fcntl", "resource", "pwd", "grp"}
 
