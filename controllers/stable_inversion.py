@@ -514,7 +514,7 @@ class Preview:
             self._further = math.ceil(shaping.horizon_s / period)
         self._sampled: Array = np.empty((3, 0, *start.shape))
         self._kept: Mask = np.empty((0, *start.shape[:-1]), bool)
-        """Which of the sampled points, and steps to them, keep to the limits."""
+        """True where a sampled point, and the step to it, keep to the limits."""
         self._made = self._sampled
         self.window: Array = self._sampled
         """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2): the window that

@@ -100,13 +100,13 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         live(0x603F, 0, lambda: emergency_code(self.power.faults[-1]) if self.power.faults else 0)
         live(0x6041, 0, lambda: self.status)
         live(0x6061, 0, lambda: int(modes.mode))
-        live(0x6062, 0, lambda: _wrapped(modes.demand.position))
-        live(0x6064, 0, lambda: _wrapped(self._actual().position))
+        live(0x6062, 0, lambda: _wrap_counts(modes.demand.position))
+        live(0x6064, 0, lambda: _wrap_counts(self._actual().position))
         live(0x606B, 0, lambda: round(modes.demand.velocity))
         live(0x606C, 0, lambda: round(self._actual().velocity))
         live(0x6077, 0, lambda: round(1000 * motor.torque / RATED_TORQUE_NM))
         live(0x6079, 0, lambda: 48000 * self.power.dc_link)
-        live(0x60F4, 0, lambda: _wrapped(self.following_error))
+        live(0x60F4, 0, lambda: _wrap_counts(self.following_error))
         live(0x60FD, 0, lambda: (not self.power.sto_closed) << 3)
 
     @property
@@ -330,7 +330,7 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
             self._set_position((position + _WRAP / 2) % _WRAP - _WRAP / 2)
 
 
-def _wrapped(counts: float) -> int:
+def _wrap_counts(counts: float) -> int:
     """A position in counts, wrapped to 32 bits."""
     return (round(counts) + _WRAP // 2) % _WRAP - _WRAP // 2
 

@@ -757,7 +757,7 @@ def choose_cases(words: Sequence[str]) -> list[int]:
         found = {
             index
             for index, case in enumerate(CASES)
-            if all(re.search(rf"\b{re.escape(word)}", _searched(case)) for word in wanted)
+            if all(re.search(rf"\b{re.escape(word)}", _search_text(case)) for word in wanted)
         }
         if not found or not wanted:
             raise ScenarioError(
@@ -767,6 +767,6 @@ def choose_cases(words: Sequence[str]) -> list[int]:
     return sorted(chosen)
 
 
-def _searched(case: FaultCase) -> str:
+def _search_text(case: FaultCase) -> str:
     """The text of a case that words are looked up in, in small letters."""
     return f"{case.name} {case.expected.name if case.expected else 'none'}".lower()

@@ -105,7 +105,7 @@ def write_bus(path: Path, conversation: Conversation, name: str) -> None:
     memory = stream.memory_recording()
     plots = signals(conversation)
     stream.send_blueprint(_arrange(list(plots)[:MAX_PLOTS]), make_active=True, make_default=True)
-    fix(stream, _fixed(conversation, plots))
+    fix(stream, _describe_entities(conversation, plots))
     send(stream, _batches(conversation, plots), TIMELINE_NAME)
     stream.flush()
     write_whole(path, memory.drain_as_bytes())
@@ -138,7 +138,7 @@ def _lane_entity(name: str) -> str:
     return f"/{LANES}/{rr.escape_entity_path_part(name.replace(' ', '_'))}"
 
 
-def _fixed(
+def _describe_entities(
     conversation: Conversation, plots: Mapping[str, Mapping[str, tuple[Array, Array]]]
 ) -> Iterator[tuple[str, rr.AsComponents]]:
     for name, _, colours in lanes(conversation):

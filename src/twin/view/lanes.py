@@ -103,7 +103,7 @@ class RunLanes:
         if "age" in rows:
             late = rows["age"] > self._due
             found["screen"] = np.where(late, "no new frame", "new frames")
-        found["effort"] = _either("within limits", "limited", *_limited(rows))
+        found["effort"] = _either("within limits", "limited", *_find_limited(rows))
         if "wheel_phi_N" in rows:
             lifted = rows["wheel_phi_N"] <= 0, rows["wheel_theta_N"] <= 0
             found["wheels"] = _either("on cams", "lifted off", *lifted)
@@ -118,7 +118,7 @@ class RunLanes:
         return np.asarray(time - last >= MAX_TURNING_TIME_S)
 
 
-def _limited(rows: Mapping[str, Array]) -> tuple[Mask, Mask]:
+def _find_limited(rows: Mapping[str, Array]) -> tuple[Mask, Mask]:
     """Where less plate acceleration is applied than requested, about phi and theta, (K,) each."""
     phi, theta = (
         np.abs(rows[f"requested_{axis}_acc"] - rows[f"applied_{axis}_acc"]) for axis in AXES

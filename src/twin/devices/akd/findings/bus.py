@@ -9,7 +9,13 @@ from itertools import pairwise
 from statistics import fmean, median
 
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.findings.finding import Finding, Severity, ended, is_explained, plural
+from twin.devices.akd.findings.finding import (
+    Finding,
+    Severity,
+    is_explained,
+    plural,
+    severity_at_end,
+)
 from twin.devices.akd.observed import BUS, StreamKey
 
 LOAD_WINDOW_S = 0.1
@@ -178,7 +184,7 @@ def find_guarding(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
             until = next((guards.time[k] for k in answers if k > unanswered[-1]), None)
             yield Finding(
                 code="guard-unanswered",
-                severity=ended(until),
+                severity=severity_at_end(until),
                 time=guards.time[unanswered[0]],
                 until=until,
                 node=node,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import AXIS_OFFSET, CONTROL, ERROR_CODE, FAULTS, STATUS, Conversation
-from twin.devices.akd.findings.finding import Finding, causes_of_error, ended, plural
+from twin.devices.akd.findings.finding import Finding, causes_of_error, plural, severity_at_end
 from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.observed import BUS, Change
 from twin.devices.akd.protocol import DriveState
@@ -122,7 +122,7 @@ def _fault(trace: Conversation, axis: Axis, first: Span, until: float | None) ->
     frames = (first.frame, *(each.frame for each in reported), *(each.frame for each in resets))
     yield Finding(
         code="drive-fault",
-        severity=ended(until),
+        severity=severity_at_end(until),
         time=first.begin,
         until=until,
         node=axis.node,
@@ -135,7 +135,7 @@ def _fault(trace: Conversation, axis: Axis, first: Span, until: float | None) ->
     if failed and trace.timed:
         yield Finding(
             code="reset-failed",
-            severity=ended(until),
+            severity=severity_at_end(until),
             time=failed[0].time,
             until=until,
             node=axis.node,

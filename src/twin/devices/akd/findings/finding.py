@@ -121,7 +121,7 @@ class Finding:
         }
 
 
-def ended(until: float | None) -> Severity:
+def severity_at_end(until: float | None) -> Severity:
     """The severity of a problem that is over at a time in s, or, without one, is not."""
     return Severity.UNRESOLVED if until is None else Severity.RECOVERED
 

@@ -13,9 +13,9 @@ from twin.devices.akd.findings.finding import (
     KNOWN_BEFORE_S,
     Finding,
     Severity,
-    ended,
     is_explained,
     plural,
+    severity_at_end,
 )
 from twin.devices.akd.observed import BUS, Gap, StreamKey
 
@@ -117,7 +117,7 @@ def find_boot_ups(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
             if boot.value != _BOOT_UP or before < 0:
                 continue
             how = "without a command"
-            if commanded(trace, node, boot.time, RESET_S, _RESETS):
+            if was_commanded(trace, node, boot.time, RESET_S, _RESETS):
                 how = "by a command, while it had torque"
                 if not has_torque(trace, times[before], node):
                     continue
@@ -156,14 +156,14 @@ def find_lost_nodes(trace: Conversation, known: Sequence[Finding]) -> Iterator[F
             if is_explained([*known, *lost], codes, stream.node, gap.begin):
                 continue
             lost.append(_lost_node(trace, stream, silence))
-    lost = [each for each in _joined(trace, lost) if not _left_in_order(trace, each)]
+    lost = [each for each in _join_losses(trace, lost) if not _left_in_order(trace, each)]
     yield from lost
     for stream in streams:
         if stream.name == _HEARTBEAT:
             yield from _heartbeats(trace, stream, [*known, *lost])
 
 
-def _joined(trace: Conversation, lost: list[Finding]) -> list[Finding]:
+def _join_losses(trace: Conversation, lost: list[Finding]) -> list[Finding]:
     """Losses of nodes; those of all nodes but the host at the same time are one of the bus."""
     devices = {number for number, node in trace.nodes.items() if node.frames.keys() - {_HEARTBEAT}}
     fastest: dict[int, float] = {}
@@ -186,7 +186,7 @@ def _joined(trace: Conversation, lost: list[Finding]) -> list[Finding]:
     lasted = trace.span((until or trace.duration) - first.time)
     bus = Finding(
         code="bus-lost",
-        severity=ended(until),
+        severity=severity_at_end(until),
         time=first.time,
         until=until,
         text=f"no frame of {names} {when}for {lasted}",
@@ -206,7 +206,7 @@ def _lost_node(trace: Conversation, stream: StreamKey, silence: Gap) -> Finding:
     usual = trace.span(trace.observed.rhythms[stream].usual)
     return Finding(
         code="node-lost",
-        severity=ended(silence.end),
+        severity=severity_at_end(silence.end),
         time=silence.begin,
         until=silence.end,
         node=stream.node,
@@ -263,10 +263,10 @@ def _heartbeats(
         often = "to the end of the trace, " if last is None else ""
         often += f"{len(its)} times, at worst " if len(its) > 1 else ""
         text = f"no heartbeat {often}for {trace.span(max(lengths))}"
-        watch = _watched(trace, stream.node, max(lengths))
+        watch = _describe_watch(trace, stream.node, max(lengths))
         yield Finding(
             code=code,
-            severity=Severity.WARNING if code == "heartbeat-late" else ended(last),
+            severity=Severity.WARNING if code == "heartbeat-late" else severity_at_end(last),
             time=its[0].begin,
             until=last,
             node=stream.node,
@@ -275,7 +275,7 @@ def _heartbeats(
         )
 
 
-def _watched(trace: Conversation, node: int, silence: float) -> str:
+def _describe_watch(trace: Conversation, node: int, silence: float) -> str:
     """Who watches a node and allows a shorter silence, in words."""
     limits = [
         f"node {watcher} allows {value & 0xFFFF} ms"
@@ -293,7 +293,7 @@ def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> 
         for before, now in pairwise(changes):
             if before.value != protocol.OPERATIONAL or now.value == _BOOT_UP:
                 continue
-            if commanded(trace, node, now.time, OBEY_S, LEAVING):
+            if was_commanded(trace, node, now.time, OBEY_S, LEAVING):
                 continue
             if is_explained(known, ("boot-up",), node, now.time):
                 continue
@@ -302,7 +302,7 @@ def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> 
             until = back.time if back else None
             yield Finding(
                 code="nmt-left",
-                severity=ended(until),
+                severity=severity_at_end(until),
                 time=now.time,
                 until=until,
                 node=node,
@@ -336,7 +336,7 @@ def _ignored_starts(trace: Conversation) -> Iterator[Finding]:
             until = back.time if back else None
             yield Finding(
                 code="nmt-ignored",
-                severity=ended(until),
+                severity=severity_at_end(until),
                 time=command.time,
                 until=until,
                 node=node,
@@ -361,7 +361,7 @@ def find_late_sync(trace: Conversation, known: Sequence[Finding]) -> Iterator[Fi
         torque = ", while a drive has torque" if has_torque(trace, gap.begin) else ""
         yield Finding(
             code="sync-lost",
-            severity=ended(gap.end),
+            severity=severity_at_end(gap.end),
             time=gap.begin,
             until=gap.end,
             text=f"no SYNC {when}for {lasted} ({usual}){torque}",
@@ -384,10 +384,10 @@ def _is_reset(trace: Conversation, node: int, gap: Gap) -> bool:
     """Whether a node came back after a gap in which it was reset."""
     if gap.end is None:
         return False
-    return commanded(trace, node, gap.end, gap.end - gap.begin, _RESETS)
+    return was_commanded(trace, node, gap.end, gap.end - gap.begin, _RESETS)
 
 
-def commanded(
+def was_commanded(
     trace: Conversation, node: int, time: float, within: float, commands: Sequence[int]
 ) -> bool:
     """Whether the host sent a node one of some NMT commands within some s before a time.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
 from twin.devices.akd.findings.finding import Finding, Severity, is_explained, plural
-from twin.devices.akd.findings.network import ANSWER_S, LEAVING, LOST_PAUSES, OBEY_S, commanded
+from twin.devices.akd.findings.network import ANSWER_S, LEAVING, LOST_PAUSES, OBEY_S, was_commanded
 from twin.devices.akd.observed import BUS, StreamKey
 
 MIN_SYNCS = 20
@@ -106,7 +106,7 @@ def _of_streams(trace: Conversation, known: Sequence[Finding]) -> Iterator[Findi
         if len(twice) > MIN_TWICE:
             yield _twice(trace, stream, found, twice)
         if found.later > MISSING_AT_END:
-            yield from _ended(trace, stream, known)
+            yield from _find_ended_streams(trace, stream, known)
 
 
 def _sorted_out(counts: Sequence[int]) -> tuple[list[int], list[int], list[int]]:
@@ -181,13 +181,15 @@ def _twice(trace: Conversation, stream: StreamKey, found: Cycles, twice: list[in
     )
 
 
-def _ended(trace: Conversation, stream: StreamKey, known: Sequence[Finding]) -> Iterator[Finding]:
+def _find_ended_streams(
+    trace: Conversation, stream: StreamKey, known: Sequence[Finding]
+) -> Iterator[Finding]:
     """A PDO that ended while SYNC went on, and nobody stopped it."""
     its = trace.observed.streams[stream]
     last = its.time[-1]
     if trace.duration - last < ANSWER_S or is_explained(known, _CAUSES, stream.node, last):
         return
-    stopped = commanded(trace, stream.node, last + ANSWER_S, OBEY_S, LEAVING)
+    stopped = was_commanded(trace, stream.node, last + ANSWER_S, OBEY_S, LEAVING)
     if stopped or (stream.name[0] == "R" and not has_torque(trace, last)):
         return
     lasted = trace.span(trace.duration - last)
@@ -224,7 +226,7 @@ def _uneven(trace: Conversation, stream: StreamKey, known: Sequence[Finding]) ->
             frames=tuple(each.frame for each in over),
         )
     if rhythm.gaps and rhythm.gaps[-1].end is None:
-        yield from _ended(trace, stream, known)
+        yield from _find_ended_streams(trace, stream, known)
 
 
 def find_wrong_lengths(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:

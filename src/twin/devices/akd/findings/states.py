@@ -14,12 +14,12 @@ from twin.devices.akd.findings.finding import (
     Finding,
     Severity,
     causes_of_error,
-    ended,
     is_explained,
     plural,
+    severity_at_end,
 )
 from twin.devices.akd.findings.motion import coasting
-from twin.devices.akd.findings.network import LEAVING, OBEY_S, commanded
+from twin.devices.akd.findings.network import LEAVING, OBEY_S, was_commanded
 from twin.devices.akd.observed import Change
 from twin.devices.akd.protocol import DriveState
 
@@ -57,14 +57,14 @@ def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 continue
             if control is None or not protocol.control_words(control).startswith("enable"):
                 continue
-            if commanded(trace, axis.node, now.begin, OBEY_S, LEAVING):
+            if was_commanded(trace, axis.node, now.begin, OBEY_S, LEAVING):
                 continue
             if is_explained(known, _CAUSES, axis.node, now.begin):
                 continue
             back = _next(axis, now.begin, (DriveState.OPERATION_ENABLED,))
             yield Finding(
                 code="torque-lost",
-                severity=ended(back),
+                severity=severity_at_end(back),
                 time=now.begin,
                 until=back,
                 node=axis.node,
@@ -103,7 +103,7 @@ def find_ignored_commands(trace: Conversation, known: Sequence[Finding]) -> Iter
             why = _NEEDED.get((begun.state, words), "the drive is not released")
             yield Finding(
                 code="wrong-state",
-                severity=ended(until),
+                severity=severity_at_end(until),
                 time=time,
                 until=until,
                 node=axis.node,
@@ -153,7 +153,7 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
             names = [trace.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
             yield Finding(
                 code="mode-differs",
-                severity=ended(end),
+                severity=severity_at_end(end),
                 time=begin,
                 until=end,
                 node=axis.node,
@@ -235,7 +235,7 @@ def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
             often = f", {len(times)} times" if len(times) > 1 else ""
             yield Finding(
                 code=flag.code,
-                severity=ended(until) if flag.lasting else Severity.WARNING,
+                severity=severity_at_end(until) if flag.lasting else Severity.WARNING,
                 time=times[0][0],
                 until=until,
                 node=axis.node,
@@ -284,7 +284,7 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
         begin = series.time[outside[0]]
         yield Finding(
             code="following-error",
-            severity=ended(until),
+            severity=severity_at_end(until),
             time=begin,
             until=until,
             node=axis.node,
@@ -358,7 +358,7 @@ def find_emergencies(trace: Conversation, known: Sequence[Finding]) -> Iterator[
             if each.node == node and each.code == 0
         )
         until = next(cleared, None)
-        severity = ended(until)
+        severity = severity_at_end(until)
         if until is None and _works_on(trace, node, its[-1].time):
             severity = Severity.WARNING
         yield Finding(

@@ -34,7 +34,7 @@ def find_unanswered(trace: Conversation, known: Sequence[Finding]) -> Iterator[F
         late = trace.duration - each.begin >= wait
         return each.end is None and late
 
-    yield from _grouped(trace, known, "sdo-timeout", "without an answer", unanswered)
+    yield from _group_transfers(trace, known, "sdo-timeout", "without an answer", unanswered)
 
 
 def find_refused(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
@@ -46,10 +46,10 @@ def find_refused(trace: Conversation, known: Sequence[Finding]) -> Iterator[Find
             return each.abort == code
 
         words = f"refused, {protocol.abort_words(code)}"
-        yield from _grouped(trace, known, "sdo-refused", words, refused)
+        yield from _group_transfers(trace, known, "sdo-refused", words, refused)
 
 
-def _grouped(
+def _group_transfers(
     trace: Conversation,
     known: Sequence[Finding],
     code: str,

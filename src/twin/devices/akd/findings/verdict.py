@@ -110,7 +110,7 @@ def where(trace: Conversation, finding: Finding) -> str:
 def _headline(trace: Conversation, findings: list[Finding], counts: dict[Severity, int]) -> str:
     """What happened, in one line: the worst finding, and how many others there are."""
     if not findings:
-        return f"nothing wrong: {_checked(trace)}"
+        return f"nothing wrong: {_describe_checks(trace)}"
     first = findings[0]
     when = f"at {first.time:.3f} s" if trace.timed else f"in frame {first.time:.0f}"
     line = f"{first.severity}: {where(trace, first)} {when}: {first.text}"
@@ -121,7 +121,7 @@ def _headline(trace: Conversation, findings: list[Finding], counts: dict[Severit
     return line + (f" (and {more})" if more else "")
 
 
-def _checked(trace: Conversation) -> str:
+def _describe_checks(trace: Conversation) -> str:
     """What was checked, in one line."""
     seen, parts = trace.observed, list[str]()
     beats = [its for stream, its in seen.rhythms.items() if stream.name == "heartbeat"]

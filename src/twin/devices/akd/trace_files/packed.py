@@ -36,7 +36,7 @@ def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFra
         "python-can's writer of .db drops the frames that wait when it is stopped: the last frames "
         "of the bus may be missing"
     )
-    with _unpacked(raw, file) as plain, can.SqliteReader(plain) as reader:
+    with _unpack(raw, file) as plain, can.SqliteReader(plain) as reader:
         yield from map(_of_message, reader)
 
 
@@ -44,7 +44,7 @@ def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None
     """Measurement files (.mf4), where asammdf is installed."""
     import can  # noqa: PLC0415  takes 0.2 s
 
-    with _unpacked(raw, file) as plain, can.MF4Reader(plain) as reader:
+    with _unpack(raw, file) as plain, can.MF4Reader(plain) as reader:
         yield from map(_of_message, reader)
 
 
@@ -65,7 +65,7 @@ def _of_message(message: can.Message) -> TracedFrame | None:
 
 
 @contextmanager
-def _unpacked(raw: BinaryIO, file: Path) -> Iterator[Path]:
+def _unpack(raw: BinaryIO, file: Path) -> Iterator[Path]:
     """A file for readers that open it themselves; of one packed by gzip, a copy of its content."""
     if not isinstance(raw, gzip.GzipFile):
         yield file
