@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from twin.base.jobs import SecondProcess
     from twin.devices.rig import HardwareRig
     from twin.emulator.serve import Emulator
+    from twin.hal.interface import Condition
     from twin.hal.rig import Rig
     from twin.run.finished import Run
     from twin.run.record import Recorder
@@ -518,8 +519,35 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
         reporter.note(line, weighty=True)
     for line in (*rig.scheduling, *rig.clock.timing.text()):
         reporter.note(line)
-    for at, note in rig.journal:
-        reporter.note(f"{at:.3f} s {note.condition.severity}: {note.text}", weighty=True)
+    for line in summarize_events([(at, note.condition, note.text) for at, note in rig.journal]):
+        reporter.note(line, weighty=True)
+
+
+def summarize_events(events: Sequence[tuple[float, Condition, str]]) -> list[str]:
+    """A line for each event that levelled or stopped the rig, and for all warnings of one cause.
+
+    Args:
+        events: Time in s, condition and text of each, in the order of their times.
+    """
+    from twin.hal.interface import Severity
+
+    lines: list[str] = []
+    warnings: dict[tuple[str, str], list[tuple[float, str]]] = {}
+    for at, condition, text in events:
+        if condition.severity is not Severity.WARNING:
+            lines.append(f"{at:.3f} s {condition.severity}: {text}")
+            continue
+        where = text.partition(f": {condition.name}")[0]
+        warnings.setdefault((condition.name, where), []).append((at, text))
+    for (name, where), found in warnings.items():
+        first, text = found[0]
+        if len(found) == 1:
+            lines.append(f"{first:.3f} s warning: {text}")
+        else:
+            span = f"{first:.3f} to {found[-1][0]:.3f} s"
+            seen = text.removeprefix(f"{where}: {name}: ")
+            lines.append(f"{span} warning: {where}: {name}: {len(found)} times; first: {seen}")
+    return lines
 
 
 @contextmanager

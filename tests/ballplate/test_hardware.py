@@ -19,12 +19,12 @@ import pytest
 
 import ballplate as bp
 from ballplate.reporter import Reporter
-from ballplate.running import stream_record, tell_timing, write_trace
+from ballplate.running import stream_record, summarize_events, tell_timing, write_trace
 from twin.base.errors import TwinError
 from twin.devices.akd.conditions import NODE_ABSENT, DriveError
 from twin.devices.akd.traces import read_trace
 from twin.devices.realtime import TimingLog, real_time
-from twin.hal.interface import Severity
+from twin.hal.interface import Condition, Severity
 from twin.hal.rig import Entry
 from twin.identify.logs import read
 from twin.run import assemble
@@ -255,3 +255,22 @@ def test_a_run_waits_for_a_virtual_rig_that_has_no_processor():
     assert stopped
     assert run.outcome == "finished", run.metrics
     assert sum(run.ledger["pauses_us"]) > 40_000 * len(stopped) * 0.5
+
+
+def test_warnings_of_one_cause_are_one_line_and_stops_stay_single():
+    late = Condition("PDO late", Severity.WARNING, 0.1, "", "")
+    lost = Condition("heartbeat lost", Severity.STOP, 0.1, "", "")
+    events = [
+        (0.2, late, "drive phi (node 1): PDO late: TPDO1, 1 of earlier cycles"),
+        (0.3, late, "drive theta (node 2): PDO late: TPDO1, 1 of earlier cycles"),
+        (4.5, late, "drive phi (node 1): PDO late: TPDO2, 2 of earlier cycles"),
+        (5.0, lost, "drive phi (node 1): heartbeat lost: none for 202 ms"),
+        (5.1, lost, "drive theta (node 2): heartbeat lost: none for 202 ms"),
+    ]
+    assert summarize_events(events) == [
+        "5.000 s stop: drive phi (node 1): heartbeat lost: none for 202 ms",
+        "5.100 s stop: drive theta (node 2): heartbeat lost: none for 202 ms",
+        "0.200 to 4.500 s warning: drive phi (node 1): PDO late: 2 times; first: TPDO1, "
+        "1 of earlier cycles",
+        "0.300 s warning: drive theta (node 2): PDO late: TPDO1, 1 of earlier cycles",
+    ]
