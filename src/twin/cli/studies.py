@@ -11,7 +11,7 @@ import click
 
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
-from twin.base.errors import ScenarioError
+from twin.base.errors import ScenarioError, nearest
 from twin.base.jobs import cores
 from twin.base.page import Table
 from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
@@ -352,6 +352,15 @@ def _text(key: Path | None) -> str | None:
     return text
 
 
+def _existing_answer(_: click.Context, __: click.Parameter, answer: Path | None) -> Path | None:
+    """The file or folder of an answer, refused before anything is loaded if it does not exist."""
+    if answer is not None and not answer.exists():
+        files = sorted(each.name for each in answer.parent.glob(f"*{answer.suffix}"))
+        meant = nearest(answer.name, files).partition(" (known")[0]
+        raise ScenarioError(f"{answer}: no such file{meant}")
+    return answer
+
+
 LAB = click.argument("lab", callback=_lab)
 KEY = click.option("--key", type=PATH, help="File with the course's key.")
 
@@ -404,7 +413,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 
 @lab.command(cls=Command, example="lab check signs answer.py")
 @click.argument("lab")
-@click.argument("answer", required=False, type=PATH)
+@click.argument("answer", required=False, type=PATH, callback=_existing_answer)
 @click.option("--student", help="Owner of the rig, where no rig.toml next to the answer names one.")
 @KEY
 @click.option("--hidden", is_flag=True, help="Judge hidden checks, too, where they are.")

@@ -60,7 +60,15 @@ from twin.view.html import overview
 
 LAB_TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 Result = Mapping[str, Any]
-OUTCOME_WORDS = {True: "passed", False: "failed", None: "skipped"}
+CHECK_ENDINGS = {"all points": "passed", "some": "partly", "none": "failed", "skipped": "skipped"}
+"""How the points of a check may end, and the word of each in a student's table."""
+
+
+def ending(check: Result) -> str:
+    """How the points of a check ended: one of ``CHECK_ENDINGS``."""
+    if check["passed"] is None:
+        return "skipped"
+    return "all points" if check["passed"] else "some" if check["score"] else "none"
 
 
 def reason(check: Result) -> str:
@@ -78,7 +86,7 @@ def table(result: Result) -> Table:
         (
             *(
                 each["name"],
-                OUTCOME_WORDS[each["passed"]],
+                CHECK_ENDINGS[ending(each)],
                 f"{each['score']:g} of {each['max_score']:g}",
             ),
             "\n".join([reason(each), *(f"printed: {line}" for line in each["log"])]).strip(),
@@ -209,10 +217,6 @@ def check_without_key(folder: Path, key: str | None) -> None:
             raise ScenarioError(f"{name}: has the course's key in it; the lab's folder is no place")
 
 
-CHECK_ENDINGS = ("all points", "some", "none", "skipped")
-"""How the points of a check may end."""
-
-
 def student_page(judge: Judge, result: Result, *, everything: bool) -> str:
     """The page of a student.
 
@@ -309,13 +313,6 @@ def summary(found: Sequence[Result]) -> str:
     problems = sum("problem" in each for each in found)
     ends = f"{digits(scores.min())} to {digits(scores.max())}, median {digits(scores.median())}"
     return f"{len(found)} students, {problems} not graded; points of the others {ends}"
-
-
-def ending(check: Mapping[str, Any]) -> str:
-    """How the points of a check ended: one of ``CHECK_ENDINGS``."""
-    if check["passed"] is None:
-        return "skipped"
-    return "all points" if check["passed"] else "some" if check["score"] else "none"
 
 
 def link(student: str, folder: Path) -> str:
