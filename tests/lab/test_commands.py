@@ -1,5 +1,6 @@
 """`twin.cli.studies`: The commands of a lab, as a shell calls them."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,9 @@ import pytest
 
 from twin.lab import judge
 from twin.lab.grade import table
+from twin.lab.judge import Judge, Measured
+from twin.lab.schema import deal, read
+from twin.lab.words import TABLES
 
 Command = Callable[..., tuple[int, str, str]]
 MINI = Path(__file__).parent / "mini"
@@ -26,5 +30,31 @@ def test_a_check_with_some_of_its_points_is_shown_as_partly_passed() -> None:
     each = {"name": "c", "max_score": 4.0, "cause": None, "log": []}
     ends = ((True, 4.0), (False, 1.59), (False, 0.0), (None, 0.0))
     results = [{**each, "passed": passed, "score": score} for passed, score in ends]
-    shown = table({"title": "T", "student": "s", "score": 1, "max_score": 1, "results": results})
+    about = {"title": "T", "language": "en", "student": "s", "score": 1, "max_score": 1}
+    shown = table({**about, "results": results})
     assert [row[1] for row in shown.rows] == ["passed", "partly", "failed", "skipped"]
+
+
+def test_the_sentence_about_a_check_has_words_and_units_and_no_keys() -> None:
+    lab = read("friction")
+    judging = Judge(lab, deal(lab, "ann", "a key"), Path("answer.py"))
+    followed, hidden = lab.check[1], read(MINI).hidden[0]
+    said = judging.describe(followed, Measured(4.0771, 1))
+    assert said == "tracking error e_tt 4.08 % (all points up to 3.1 %, none above 4.4 %)"
+    said = judging.describe(hidden, Measured(0.75, 4, "fell (x)"))
+    within = "3 of 4 runs with RMS distance, steady of at most 50 mm"
+    assert said == f"{within} (all points from 90 %, none below 50 %); fell (x)"
+    cause = {"rationale": "r", "help": followed.look}
+    each = {"name": "c", "max_score": 4.0, "cause": cause, "log": [], "passed": False, "score": 1.0}
+    about = {"title": "T", "language": "en", "student": "s", "score": 1, "max_score": 1}
+    shown = table({**about, "results": [each]}).rows[0][3]
+    assert "Sweep controller.factor and draw" in shown
+
+
+def test_every_language_has_every_sentence_with_the_same_parts() -> None:
+    english = TABLES["en"]
+    for language, table_ in TABLES.items():
+        assert set(table_) == set(english), language
+        for name in set(english) - {"metrics"}:
+            parts = [set(re.findall(r"{(\w+)}", each[name])) for each in (table_, english)]
+            assert parts[0] == parts[1], (language, name)

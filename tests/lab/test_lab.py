@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import re
 import shutil
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,6 +17,7 @@ import pytest
 import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
+from twin.lab import process
 from twin.lab.grade import (
     SELF_TEST,
     begin,
@@ -25,7 +28,7 @@ from twin.lab.grade import (
     try_answer,
 )
 from twin.lab.handed_in import collect
-from twin.lab.judge import Judge, judge_answer
+from twin.lab.judge import Judge, Measured, judge_answer
 from twin.lab.process import ANSWER_NAME, answering
 from twin.lab.schema import (
     PRACTICE_KEY,
@@ -393,11 +396,12 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     )
     asked: list[str] = []
 
-    def counted(*given: object, **more: object) -> object:
-        asked.append(given[1].student)  # type: ignore[attr-defined]
-        return judge_answer(*given, **more)  # type: ignore[arg-type]
+    def counted(judge: Judge, check: CheckTable) -> Measured:
+        asked.append(f"{judge.dealt.student} {check.name}")
+        return measure(judge, check)
 
-    monkeypatch.setattr(grades, "judge_answer", counted)
+    measure = Judge.measure
+    monkeypatch.setattr(Judge, "measure", counted)
 
     def graded() -> dict[str, dict[str, object]]:
         people, every = ["ann", "bob", "cid"], collect(lab, handed_in).submissions
@@ -410,16 +414,58 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     }  # fmt: skip
     assert first["cid"]["problem"] == "not handed in"
     assert "student 'eve': not in the class" in str(first["eve"]["problem"])
-    assert asked == ["ann", "bob"]
+    every = [f"{name} {check}" for name in ("ann", "bob") for check in ("mass", "wind")]
+    assert sorted(asked) == sorted([*every, "ann width"])  # bob has no points for the mass
+    before = {
+        file.name: file.stat().st_mtime_ns for file in kept.iterdir() if "eve" not in file.name
+    }
+    asked.clear()
+    assert graded() == first
+    after = {
+        file.name: file.stat().st_mtime_ns for file in kept.iterdir() if "eve" not in file.name
+    }
+    assert (asked, after) == ([], before)
     (kept / "bob.json").write_text('{"kept_as": "half a')  # as of a disk that was full
     (handed_in / "ann" / "answer.toml").write_text("mass = 0.024\nwind = 1\n")
     assert graded()["ann"]["score"] == 6
-    assert asked == ["ann", "bob", "ann", "bob"]
+    assert sorted(asked) == sorted([*every, "ann width"])
     assert graded()["bob"]["score"] == 1
-    assert len(asked) == 4
+    assert len(asked) == 5
     lines = grades.marks(lab, list(graded().values())).splitlines()
     assert lines[0] == "student,score,max_score,mass,width,wind,problem"
     assert lines[1] == "ann,6.0,7.0,4.0,2.0,0.0,"
+
+
+def test_points_and_texts_change_without_a_simulation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "mini"
+    shutil.copytree(MINI, folder)
+    (tmp_path / "in").mkdir()
+    shutil.copy(MINI / "mutants" / "no_integrator.py", tmp_path / "in" / "ann.py")
+    kept, text = tmp_path / "kept", (folder / "lab.toml").read_text()
+
+    def graded() -> dict[str, Any]:
+        lab = read(folder)
+        handed_in = collect(lab, tmp_path / "in").submissions
+        return grades.grade(lab, KEY, None, handed_in, kept, 1, lambda _: None)[0]
+
+    first, page = graded(), (kept / "ann.html").read_text()
+    assert "<svg" in page
+    monkeypatch.setattr(process.subprocess, "Popen", lambda *_, **__: pytest.fail("a process"))
+    changed = text.replace("points = 4", "points = 8").replace("none = 0.065", "none = 0.5")
+    changed = changed.replace("Plot the tilt", "Draw the tilt").replace("scenario =", "scenario  =")
+    (folder / "lab.toml").write_text(changed)
+    again = graded()
+    value = first["results"][1]["data"]["value"]
+    assert again["results"][1]["data"]["value"] == value
+    assert again["results"][1]["score"] == pytest.approx(8 * (0.5 - value) / 0.46, abs=0.01)
+    new_page = (kept / "ann.html").read_text()
+    assert "Draw the tilt" in new_page
+    assert re.findall(r"<svg.*?</svg>", new_page, re.S) == re.findall(r"<svg.*?</svg>", page, re.S)
+    (folder / "lab.toml").write_text(text.replace("seeds = [1, 2]", "seeds = [1, 3]"))
+    with pytest.raises(pytest.fail.Exception, match="a process"):
+        graded()
 
 
 def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: Path) -> None:
@@ -430,7 +476,8 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
     handed_in = collect(lab, hand_out_to).submissions
     for key, whole in ((KEY, True), (PRACTICE_KEY, False)):
-        found = [grades.grade_submission(lab, key, None, tmp_path, each) for each in handed_in]
+        grade_each = partial(grades.grade_submission, lab, key, None, tmp_path, "source")
+        found = [grade_each(each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)
     assert "is it the key of this course" in found[0]["problem"]
 
@@ -577,7 +624,7 @@ def test_a_page_of_a_student_has_no_hidden_check(tmp_path: Path) -> None:
         assert ("secret" in page) == everything
         assert "0 of 11 points" in page
         assert "<i>" not in page
-    assert "0 of 4 of them by checks that are not shown" in student_page(
+    assert "Checks that are not shown: 0 of 4 points." in student_page(
         judge, result, everything=False
     )
 

@@ -213,6 +213,7 @@ class Lab(Checked):
     """A lab: the tables of ``lab.toml``, its folder, and the hidden checks.
 
     Attributes:
+        language: Language of results and pages.
         check: Checks that students may read.
         called: The name or folder by which it was requested.
         folder: Its folder.
@@ -223,6 +224,7 @@ class Lab(Checked):
     name: Annotated[str, Field(pattern=f"^{LAB_NAME_PATTERN}$")]
     version: Annotated[int, Field(ge=1)]
     title: str
+    language: Literal["en", "de"] = "en"
     minutes: Annotated[int, Field(ge=1)] = 90
     textbooks: tuple[str, ...] = ()
     answer: AnswerTable
