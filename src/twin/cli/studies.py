@@ -473,6 +473,7 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     """
     from twin.base.writing import write_whole, written_alone
     from twin.lab import grade as grades
+    from twin.lab.copies import find_alike
     from twin.lab.handed_in import collect
     from twin.lab.schema import students
 
@@ -486,9 +487,12 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
     page = out.with_suffix(".html")
-    write_whole(page, grades.class_page(lab, found, kept, collected.left_out))
+    alike = [each.text(lab.language) for each in find_alike(lab, key, names or (), handed_in)]
+    left_out = collected.left_out
+    text = grades.class_page(lab, found, kept, left_out, people=names, alike=alike)
+    write_whole(page, text)
     files = f"{out.name}, {page.name}; of each student {kept.name}/"
-    show(found, [grades.summary(found)], out.parent, files)
+    show(found, [grades.summary(found, lab.language), *alike], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0
 
 

@@ -61,11 +61,12 @@ from twin.lab.schema import (
 )
 from twin.lab.words import words
 from twin.run.tables import flat
-from twin.view.html import overview
 
+NOT_HANDED_IN = "not handed in"
+"""Problem of a student of the class without a submission."""
 LAB_TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 Result = Mapping[str, Any]
-CHECK_ENDINGS = {"all points": "passed", "some": "partly", "none": "failed", "skipped": "skipped"}
+CHECK_ENDINGS = {"all": "passed", "some": "partly", "none": "failed", "skipped": "skipped"}
 """How the points of a check may end, and the word of each in a student's table."""
 
 
@@ -73,7 +74,7 @@ def ending(check: Result) -> str:
     """How the points of a check ended: one of ``CHECK_ENDINGS``."""
     if check["passed"] is None:
         return "skipped"
-    return "all points" if check["passed"] else "some" if check["score"] else "none"
+    return "all" if check["passed"] else "some" if check["score"] else "none"
 
 
 def reason(check: Result, language: str = "en") -> str:
@@ -286,6 +287,8 @@ def draw_worst_check(judge: Judge, shown: Sequence[Result]) -> Drawing | None:
     check = max(runs, key=lambda each: (each.points - results[each.name]["score"], each.points))
     key = judge.key(check) if judge.measurements else ""
     name = words(judge.lab.language)("your_answer")
+    from twin.view.html import overview  # noqa: PLC0415  heavy: an unchanged regrade draws nothing
+
     try:
         drawing = overview([replace(judge.picture(check), name=name)])
     except Exception as error:  # noqa: BLE001 - a missing picture costs no points
@@ -307,7 +310,13 @@ def show_drawing(judge: Judge, result: Result, drawing: Drawing | None) -> list[
 
 
 def class_page(
-    lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence[str] = ()
+    lab: Lab,
+    found: Sequence[Result],
+    folder: Path,
+    left_out: Sequence[str] = (),
+    *,
+    people: Mapping[str, str] | None = None,
+    alike: Sequence[str] = (),
 ) -> str:
     """The page of a class.
 
@@ -316,46 +325,102 @@ def class_page(
         found: The results of its students.
         folder: Folder of their pages, next to this page.
         left_out: Entries among the submissions that are none, in words.
+        people: The names of students, if known.
+        alike: Answers that are alike, in words.
     """
+    say, names = words(lab.language), people or {}
     graded, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
     scores = [[its["score"] for its in each["results"]] for each in graded]
     points, rows = pd.DataFrame(scores, columns=range(len(checks))), []
     for at, check in enumerate(checks):
         its = [each["results"][at] for each in graded]
         ends = [ending(each) for each in its]
+        mean = digits(points[at].mean(), places=2)
         rows.append(
             (
                 f"{at + 1} {check.name}",
                 *(str(ends.count(end)) for end in CHECK_ENDINGS),
-                f"{digits(points[at].mean(), places=2)} of {check.points:g}",
+                say("points", score=mean, most=check.points),
             )
         )
-    marks = [
-        (
-            link(each["student"], folder),
-            f"{each['score']:g}" if each["score"] is not None else "-",
-            *(f"{its['score']:g}" for its in each["results"] or [{"score": 0.0}] * len(checks)),
-        )
-        for each in sorted(found, key=lambda each: -(each["score"] or 0.0))
-    ]
-    problems = [(each["student"], each["problem"]) for each in found if "problem" in each]
-    blocks: list[Block] = [Text([summary(found)])]
-    if problems:
-        blocks.append(Table("Not graded", ("student", "why"), problems, words=(0, 1)))
+    named = any(names.values())
+    marks = []
+    for each in sorted(found, key=lambda each: -(each["score"] or 0.0)):
+        cells = [points_or_reason(its, lab.language) for its in each["results"]]
+        if not cells:
+            cells = [explain_missing(each, lab.language)] * len(checks)
+        name = [names.get(each["student"], "")] if named else []
+        total = "-" if each["score"] is None else f"{each['score']:g}"
+        marks.append((link(each["student"], folder), *name, total, *cells))
+    blocks: list[Block] = [Text([summary(found, lab.language)])]
+    if alike:
+        blocks.append(Verdict(alike, good=False, title=say("alike_heading")))
+    if scores:
+        blocks.append(histogram(lab, [each["score"] for each in graded]))
+    if problems := [(each["student"], line) for each in found if (line := first_error(each))]:
+        heads = (say("student"), say("why"))
+        blocks.append(Table(say("not_graded"), heads, problems, words=(0, 1)))
     if left_out:
-        blocks.append(Text(left_out, title="Among the submissions, and none"))
+        blocks.append(Text(left_out, title=say("left_out")))
+    columns = (say("check"), *map(say, CHECK_ENDINGS), say("mean_points"))
+    blocks.append(Table(say("checks"), columns, rows))
     numbers = map(str, range(1, len(checks) + 1))
-    blocks.append(Table("Checks", ("check", *CHECK_ENDINGS, "mean points"), rows))
-    blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
-    return html(f"{lab.title}: {len(found)} students", blocks)
+    name = [say("name")] if named else []
+    columns = (say("student"), *name, say("points_heading"), *numbers)
+    left = (0, 1) if named else (0,)
+    blocks.append(Table(say("marks_heading"), columns, marks, words=left))
+    return html(say("class_title", title=lab.title, count=len(found)), blocks)
 
 
-def summary(found: Sequence[Result]) -> str:
+def points_or_reason(check: Result, language: str) -> str:
+    """The points of a check; next to 0 the reason in a word."""
+    if check["score"]:
+        return f"{check['score']:g}"
+    return f"0 {words(language)('zero_' + check['data']['ending'].replace(' ', '_'))}"
+
+
+def explain_missing(result: Result, language: str) -> str:
+    """What stands in place of the points of a submission that was not graded."""
+    return f"0 {words(language)('not_handed_in')}" if result["problem"] == NOT_HANDED_IN else "-"
+
+
+def first_error(result: Result) -> str:
+    """Why a submission could not be graded, or its first error; empty for none."""
+    errors = [
+        each["cause"]["rationale"]
+        for each in result["results"]
+        if each["data"]["ending"] in ("broken", "timed out")
+    ]
+    return str(result.get("problem", next(iter(errors), "")))
+
+
+HISTOGRAM_BINS = 10
+"""Largest number of bins of the histogram of points."""
+LONGEST_BAR = 20
+"""Characters of the longest bar of a histogram."""
+
+
+def histogram(lab: Lab, scores: Sequence[float]) -> Table:
+    """How many students have how many points, as a table with bars."""
+    say, most = words(lab.language), sum(each.points for each in lab.checks(hidden=True))
+    bins = min(HISTOGRAM_BINS, max(1, round(most)))
+    counts, edges = np.histogram(np.clip(scores, 0, most), bins=bins, range=(0, most))
+    scale = min(1.0, LONGEST_BAR / max(counts))
+    rows = [
+        (f"{low:g} - {high:g}", str(count), "\u2588" * round(np.ceil(scale * count)))
+        for low, high, count in zip(edges[:-1], edges[1:], counts, strict=True)
+    ]
+    heads = (say("points_heading"), say("students_heading"), "")
+    return Table(say("histogram"), heads, rows, words=(0, 2))
+
+
+def summary(found: Sequence[Result], language: str = "en") -> str:
     """The results of a class, in a sentence."""
     scores = pd.Series([each["score"] for each in found if each["results"]], dtype=float)
+    ends = {"low": scores.min(), "high": scores.max(), "median": scores.median()}
     problems = sum("problem" in each for each in found)
-    ends = f"{digits(scores.min())} to {digits(scores.max())}, median {digits(scores.median())}"
-    return f"{len(found)} students, {problems} not graded; points of the others {ends}"
+    shown = {name: digits(value) for name, value in ends.items()}
+    return words(language)("summary", count=len(found), problems=problems, **shown)
 
 
 def link(student: str, folder: Path) -> str:
@@ -577,7 +642,7 @@ def grade(
             done[student] = result
             progress(len(done))
     for student in people or ():
-        absent = {"student": student, "score": 0.0, "results": [], "problem": "not handed in"}
+        absent = {"student": student, "score": 0.0, "results": [], "problem": NOT_HANDED_IN}
         done.setdefault(student, absent)
     return [done[student] for student in sorted(done)]
 

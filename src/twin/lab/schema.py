@@ -451,8 +451,10 @@ def reload_deal(lab: Lab, folder: Path, key: str | None, student: str | None = N
     return found._replace(true=handed.practice or key is not None)
 
 
-def students(path: Path) -> list[str]:
-    """The students of a class: the first column of a CSV file below its heading.
+def students(path: Path) -> dict[str, str]:
+    """The students of a class and their names, which may be empty.
+
+    They are the first and the second column of a CSV file below its heading.
 
     Spreadsheets write it with commas, semicolons or tabs, in UTF-8, UTF-16 or Windows' encoding.
 
@@ -463,8 +465,8 @@ def students(path: Path) -> list[str]:
         text = decode_text(path.read_bytes())
         between = max(",;\t", key=text.partition("\n")[0].count)
         table = csv.reader(io.StringIO(text, newline=""), delimiter=between)
-        cells = [row[0].strip() for row in table if row and row[0].strip()]
-        rows = [unicodedata.normalize("NFC", cell) for cell in cells[1:]]
+        cells = [[*row, ""][:2] for row in table if row and row[0].strip()][1:]
+        rows = [unicodedata.normalize("NFC", cell[0].strip()) for cell in cells]
     except (OSError, csv.Error) as error:
         raise ScenarioError(f"{path}: cannot be read: {why(error)}") from None
     twice = next((name for name in rows if rows.count(name) > 1), None)
@@ -473,7 +475,7 @@ def students(path: Path) -> list[str]:
         raise ScenarioError(f"{path}: {what}")
     for name in rows:
         check_name(name)
-    return rows
+    return {row: printable(cell[1].strip()) for row, cell in zip(rows, cells, strict=True)}
 
 
 def check_name(student: str) -> None:
