@@ -648,3 +648,19 @@ def test_a_new_lab_passes_its_own_selftest(tmp_path: Path) -> None:
     found = list(grades.selftest(read(tmp_path / "lab"), 2))
     assert len(found) == 6
     assert all(each.good for each in found if "graded within" not in each.what), found
+
+
+def test_a_lab_like_a_shipped_one_is_whole_and_has_no_key(tmp_path: Path) -> None:
+    old, folder = read("friction"), tmp_path / "mine"
+    begin("friction2", folder, old)
+    new = read(folder)
+    files = {each.relative_to(old.folder) for each in old.folder.rglob("*.*")}
+    files = {each for each in files if "__pycache__" not in each.parts}
+    assert {each.relative_to(folder) for each in folder.rglob("*.*")} == files
+    assert (new.name, new.title, new.hidden) == ("friction2", old.title, old.hidden)
+    assert new.check == old.check
+    assert [each.fails for each in candidates(new)] == [each.fails for each in candidates(old)]
+    assert "ballplate lab check friction2`" in new.text("task.md")
+    (folder / "course-key.txt").write_text(KEY)
+    begin("third", tmp_path / "third", read(folder))
+    assert not (tmp_path / "third" / "course-key.txt").exists()

@@ -379,15 +379,22 @@ def list_labs() -> int:
     return 0
 
 
-@lab.command(cls=Command, example="lab new friction2")
+@lab.command(cls=Command, example="lab new friction2 --like friction")
 @click.argument("name")
+@click.option("--like", help="Lab to copy whole, a name or a folder [a small one].")
 @click.option("--out", type=PATH, help="New folder [NAME].")
-def new(name: str, out: Path | None) -> int:
-    """Write a small lab of your own that passes its selftest, to be changed piece by piece."""
+def new(name: str, like: str | None, out: Path | None) -> int:
+    """Write a lab of your own that passes its selftest, to be changed piece by piece.
+
+    With --like it is a whole copy: sheet, checks, hidden checks, solution and mutants.
+    """
     from twin.lab.grade import begin
+    from twin.lab.schema import read
 
     folder = out or Path(name)
-    begin(name, folder)
+    begin(name, folder, read(like) if like else None)
+    if not any(folder.glob("solution.*")):
+        warn("without solution and mutants: an installed ballplate has none; a checkout does")
     say(f"{folder}/: begin with lab.toml and solution.py; then: ballplate lab selftest {folder}")
     return 0
 

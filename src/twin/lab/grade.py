@@ -137,12 +137,14 @@ def in_xml(text: str) -> str:
     return escape("".join(letter if letter.isprintable() else " " for letter in text))
 
 
-def begin(name: str, folder: Path) -> None:
-    """Write a small lab that passes its own selftest, as a start for a new one.
+def begin(name: str, folder: Path, like: Lab | None = None) -> None:
+    """Write a lab as a start for a new one: a small one that passes its selftest, or a copy.
 
     Args:
         name: Its name.
         folder: Where to; must not exist.
+        like: The lab to copy whole: solution, mutants, hidden checks and notes, as far as this
+            installation has them; never a key.
 
     Raises:
         TwinError: If no lab can have that name, or it cannot be written.
@@ -158,7 +160,24 @@ def begin(name: str, folder: Path) -> None:
             write_whole(inner / file.relative_to(start), text.replace("TITLE", words))
         write_whole(inner / "answer.py", starter((inner / "solution.py").read_text("utf-8")))
 
-    write_folder(folder, fill)
+    def copy(inner: Path) -> None:
+        assert like is not None
+        for file in filter(Path.is_file, like.folder.rglob("*")):
+            if "__pycache__" not in file.parts and not file.name.endswith("key.txt"):
+                content = file.read_bytes()
+                if file.suffix in (".md", ".toml"):
+                    content = _renamed(file, like.name, name).encode()
+                write_whole(inner / file.relative_to(like.folder), content)
+
+    write_folder(folder, fill if like is None else copy)
+
+
+def _renamed(file: Path, old: str, new: str) -> str:
+    """The text of a file of a lab for the lab's copy: its name, and commands with it."""
+    text = file.read_text(encoding="utf-8-sig")
+    if file.name == "lab.toml":
+        text = re.sub(r"(?m)^name\s*=.*$", f'name = "{new}"', text, count=1)
+    return re.sub(rf"(ballplate lab \w+ ){re.escape(old)}\b", rf"\g<1>{new}", text)
 
 
 def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) -> None:
@@ -335,23 +354,17 @@ def class_page(
     for at, check in enumerate(checks):
         its = [each["results"][at] for each in graded]
         ends = [ending(each) for each in its]
+        counts = (str(ends.count(end)) for end in CHECK_ENDINGS)
         mean = digits(points[at].mean(), places=2)
-        rows.append(
-            (
-                f"{at + 1} {check.name}",
-                *(str(ends.count(end)) for end in CHECK_ENDINGS),
-                say("points", score=mean, most=check.points),
-            )
-        )
-    named = any(names.values())
+        rows.append((f"{at + 1} {check.name}", f"{check.points:g}", *counts, mean))
     marks = []
     for each in sorted(found, key=lambda each: -(each["score"] or 0.0)):
         cells = [points_or_reason(its, lab.language) for its in each["results"]]
-        if not cells:
-            cells = [explain_missing(each, lab.language)] * len(checks)
-        name = [names.get(each["student"], "")] if named else []
         total = "-" if each["score"] is None else f"{each['score']:g}"
-        marks.append((link(each["student"], folder), *name, total, *cells))
+        if each.get("problem") == NOT_HANDED_IN:
+            total = f"0 {say('not_handed_in')}"
+        who = Markup(" ").join([link(each["student"], folder), names.get(each["student"], "")])
+        marks.append((who, total, *cells, *[""] * (len(checks) - len(cells))))
     blocks: list[Block] = [Text([summary(found, lab.language)])]
     if alike:
         blocks.append(Verdict(alike, good=False, title=say("alike_heading")))
@@ -362,13 +375,11 @@ def class_page(
         blocks.append(Table(say("not_graded"), heads, problems, words=(0, 1)))
     if left_out:
         blocks.append(Text(left_out, title=say("left_out")))
-    columns = (say("check"), *map(say, CHECK_ENDINGS), say("mean_points"))
+    columns = (say("check"), say("points_heading"), *map(say, CHECK_ENDINGS), say("mean_points"))
     blocks.append(Table(say("checks"), columns, rows))
     numbers = map(str, range(1, len(checks) + 1))
-    name = [say("name")] if named else []
-    columns = (say("student"), *name, say("points_heading"), *numbers)
-    left = (0, 1) if named else (0,)
-    blocks.append(Table(say("marks_heading"), columns, marks, words=left))
+    columns = (say("student"), say("points_heading"), *numbers)
+    blocks.append(Table(say("marks_heading"), columns, marks))
     return html(say("class_title", title=lab.title, count=len(found)), blocks)
 
 
@@ -377,11 +388,6 @@ def points_or_reason(check: Result, language: str) -> str:
     if check["score"]:
         return f"{check['score']:g}"
     return f"0 {words(language)('zero_' + check['data']['ending'].replace(' ', '_'))}"
-
-
-def explain_missing(result: Result, language: str) -> str:
-    """What stands in place of the points of a submission that was not graded."""
-    return f"0 {words(language)('not_handed_in')}" if result["problem"] == NOT_HANDED_IN else "-"
 
 
 def first_error(result: Result) -> str:
