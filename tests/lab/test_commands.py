@@ -27,7 +27,7 @@ def test_the_name_of_a_missing_answer_is_one_line_at_once(
 
 
 def test_a_check_with_some_of_its_points_is_shown_as_partly_passed() -> None:
-    each = {"name": "c", "max_score": 4.0, "cause": None, "log": []}
+    each = {"name": "c", "max_score": 4.0, "cause": None, "log": [], "remark": ""}
     ends = ((True, 4.0), (False, 1.59), (False, 0.0), (None, 0.0))
     results = [{**each, "passed": passed, "score": score} for passed, score in ends]
     about = {"title": "T", "language": "en", "student": "s", "score": 1, "max_score": 1}
@@ -45,7 +45,15 @@ def test_the_sentence_about_a_check_has_words_and_units_and_no_keys() -> None:
     within = "3 of 4 runs with RMS distance, steady of at most 50 mm"
     assert said == f"{within} (all points from 90 %, none below 50 %); fell (x)"
     cause = {"rationale": "r", "help": followed.look}
-    each = {"name": "c", "max_score": 4.0, "cause": cause, "log": [], "passed": False, "score": 1.0}
+    each = {
+        "name": "c",
+        "max_score": 4.0,
+        "cause": cause,
+        "log": [],
+        "remark": "",
+        "passed": False,
+        "score": 1.0,
+    }
     about = {"title": "T", "language": "en", "student": "s", "score": 1, "max_score": 1}
     shown = table({**about, "results": [each]}).rows[0][3]
     assert "Sweep controller.factor and draw" in shown

@@ -306,7 +306,8 @@ LINES = {
     "open('hidden.toml')": "FileNotFoundError",
     f"open({str(MINI / 'hidden.toml')!r})": "PermissionError",
     "__import__('os').listdir('/proc')": "PermissionError",
-    "[print('x' * 80) for _ in range(1000000)]": "prints or writes more than 256 kB",
+    "open('x', 'w').write('x' * 300000)": "it writes more than 256 kB",
+    "__import__('os').write(1, b'x' * 300000) and __import__('os').write(1, b'x')": "writes more",
     "__import__('time').sleep(60)": "it took longer than 1 s",
     "exec('while True: pass')": "it took longer than 1 s",
     "__import__('os').fork()": "an answer may not start a process",
@@ -342,6 +343,19 @@ def test_what_an_answer_may_not_do_fails_with_one_line(tmp_path: Path, line: str
     assert LINES[line] in str(caught.value)
     assert str(caught.value).startswith("answer.py")
     assert "\n" not in str(caught.value)
+
+
+def test_an_answer_that_prints_too_much_keeps_its_points_with_a_remark(tmp_path: Path) -> None:
+    lab, file = read(MINI), tmp_path / "answer.py"
+    mark = "        wanted ="
+    file.write_text(SOLUTION.replace(mark, f"        print('x' * 5999)\n{mark}"))
+    check = lab.check[0].model_copy(update={"set": ("duration=0.6", "metrics.start=0")})
+    found = Judge(lab, deal(lab, "ann", KEY), file).result(check, [])
+    assert (found["passed"], found["score"]) == (True, 2)
+    assert found["remark"].startswith("It prints more than 256 kB; the rest is dropped.")
+    assert found["log"][-1].startswith("xxx")
+    file.write_text(SOLUTION.replace(mark, f"        print('x' * 500)\n{mark}"))
+    assert Judge(lab, deal(lab, "ann", KEY), file).result(check, [])["remark"] == ""
 
 
 @pytest.mark.long
@@ -664,3 +678,20 @@ def test_a_lab_like_a_shipped_one_is_whole_and_has_no_key(tmp_path: Path) -> Non
     (folder / "course-key.txt").write_text(KEY)
     begin("third", tmp_path / "third", read(folder))
     assert not (tmp_path / "third" / "course-key.txt").exists()
+
+
+def test_a_scenario_runs_on_the_rig_of_a_sheet_by_one_option(tmp_path: Path) -> None:
+    lab, file = read("friction"), tmp_path / "ann" / "rig.toml"
+    hand_out(lab, {"ann": "."}, KEY, tmp_path / "ann")
+    arm = deal(lab, "ann", KEY).known["plant.friction.rolling_mm"]
+    own = load("circle", [f"parameters={file}"])
+    assert own.plant.friction.rolling_mm == arm
+    assert own.plant.level_deg == load("circle").plant.level_deg  # hidden
+    without = load("circle", ["plant.friction.rolling_mm=0", f"parameters={file}"])
+    assert without.plant.friction.rolling_mm == 0
+    file.write_text(file.read_text().replace("[told]", "[told]\n'plant.fiction' = 1"))
+    with pytest.raises(ScenarioError, match=r"circle.toml with .*rig.toml: .*fiction"):
+        load("circle", [f"parameters={file}"])
+    file.write_text('lab = "a"\nstudent = "b"\ntold = 3\n')
+    with pytest.raises(ScenarioError, match="told: must be a table"):
+        load("circle", [f"parameters={file}"])

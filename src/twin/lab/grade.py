@@ -98,7 +98,11 @@ def table(result: Result) -> Table:
             say(CHECK_ENDINGS[ending(each)]),
             say("points", score=each["score"], most=each["max_score"]),
             "\n".join(
-                [reason(each, language), *(say("printed", line=line) for line in each["log"])]
+                [
+                    reason(each, language),
+                    each["remark"],
+                    *(say("printed", line=line) for line in each["log"]),
+                ]
             ).strip(),
         )
         for each in result["results"]

@@ -64,6 +64,7 @@ class Measured(NamedTuple):
         note: How runs ended early, or the error, in a line.
         ending: How the measurement ended.
         log: Lines that the answer printed.
+        too_much: Size in kB of what is kept of its printed text, if it printed more; else 0.
     """
 
     value: float | None
@@ -71,6 +72,7 @@ class Measured(NamedTuple):
     note: str = ""
     ending: Ending = "measured"
     log: Sequence[str] = ()
+    too_much: int = 0
 
 
 class NotMeasuredError(Exception):
@@ -275,6 +277,7 @@ class Judge(NamedTuple):
             "max_score": check.points,
             "visible": check.visible,
             "log": list(found.log),
+            "remark": say("too_much", size=found.too_much) if found.too_much else "",
             "cause": None if passed else {"rationale": why, "help": look},
             "dependency": list(check.after),
             "data": {"value": found.value, "ending": found.ending},
@@ -372,7 +375,9 @@ class Judge(NamedTuple):
                 found = self.of_runs(check, rows)
             if process is None:
                 return found
-            return found._replace(log=[printable(line) for line in process.last_printed()])
+            log = [printable(line) for line in process.last_printed()]
+            kept_kb = process.most_printed // 1024 if process.prints_too_much() else 0
+            return found._replace(log=log, too_much=kept_kb)
 
     def answers(
         self, check: CheckTable, data: Mapping[str, Any], process: AnswerProcess | None

@@ -105,6 +105,7 @@ class AnswerProcess:
         left: Remaining processor time in s: ``seconds`` and what it took until it was ready, less
             the time in which it slept.
         end: Monotonic time in s at which it must have ended, whatever the machine's load.
+        most_printed: Bytes of its printed text that are kept.
         limits: What it may use and send.
         failure: Why it ended, in one line.
         out_of_time: Whether it ended because it took too long.
@@ -121,6 +122,7 @@ class AnswerProcess:
     seconds: float
     left: float
     end: float
+    most_printed: int
     limits: AnswerLimits = ANSWER_LIMITS
     failure: str | None = None
     out_of_time: bool = False
@@ -283,6 +285,10 @@ class AnswerProcess:
             self.failure = printable(text)[: self.limits.error_characters]
             raise LawError(self.failure)
         return content
+
+    def prints_too_much(self) -> bool:
+        """Whether a part of what it printed was dropped."""
+        return os.fstat(self.prints.fileno()).st_size >= self.most_printed
 
     def last_printed(self, most: int = 5) -> list[str]:
         """The last lines that the answer printed."""
@@ -457,6 +463,7 @@ def answering(
                 seconds=seconds,
                 left=limits.start_s,
                 end=monotonic() + limits.slowdown * (limits.start_s + loading + seconds),
+                most_printed=child.MAX_WRITTEN_BYTES,
                 limits=limits,
                 program=bool(about.command),
             )
