@@ -94,7 +94,7 @@ def table(result: Result) -> Table:
     say = words(language)
     rows = [
         (
-            each["name"],
+            each["title"],
             say(CHECK_ENDINGS[ending(each)]),
             say("points", score=each["score"], most=each["max_score"]),
             "\n".join(
@@ -294,7 +294,7 @@ def student_page(
         replace(table({**result, "results": shown}), title=say("checks")),
         *show_drawing(judge, result, drawing or draw_worst_check(judge, shown)),
     ]
-    return html(f"{judge.lab.title}: {result['student']}", blocks)
+    return html(f"{judge.lab.shown_title}: {result['student']}", blocks)
 
 
 def draw_worst_check(judge: Judge, shown: Sequence[Result]) -> Drawing | None:
@@ -328,8 +328,9 @@ def show_drawing(judge: Judge, result: Result, drawing: Drawing | None) -> list[
         return [Text([say("no_picture", check=name, error=drawing.problem)])]
     check = next(each for each in judge.lab.checks(hidden=True) if each.name == name)
     lost = any(each["name"] == name and not each["passed"] for each in result["results"])
-    note = say("picture_note", look=check.look.replace("`", "")) if lost else ""
-    return [Picture(say("picture", check=name), Markup(drawing.svg), note)]
+    texts = check.texts_in(judge.lab.language)
+    note = say("picture_note", look=texts.look.replace("`", "")) if lost else ""
+    return [Picture(say("picture", check=texts.name), Markup(drawing.svg), note)]
 
 
 def class_page(
@@ -360,7 +361,9 @@ def class_page(
         ends = [ending(each) for each in its]
         counts = (str(ends.count(end)) for end in CHECK_ENDINGS)
         mean = digits(points[at].mean(), places=2)
-        rows.append((f"{at + 1} {check.name}", f"{check.points:g}", *counts, mean))
+        rows.append(
+            (f"{at + 1} {check.texts_in(lab.language).name}", f"{check.points:g}", *counts, mean)
+        )
     marks = []
     for each in sorted(found, key=lambda each: -(each["score"] or 0.0)):
         cells = [points_or_reason(its, lab.language) for its in each["results"]]
@@ -384,7 +387,7 @@ def class_page(
     numbers = map(str, range(1, len(checks) + 1))
     columns = (say("student"), say("points_heading"), *numbers)
     blocks.append(Table(say("marks_heading"), columns, marks))
-    return html(say("class_title", title=lab.title, count=len(found)), blocks)
+    return html(say("class_title", title=lab.shown_title, count=len(found)), blocks)
 
 
 def points_or_reason(check: Result, language: str) -> str:
@@ -550,7 +553,7 @@ def grade_submission(
         shown = "the grader failed; your lecturer has the reason"
     if shown:
         result, drawing = result_without_points(each.student, problem), None
-        page = html(f"{lab.title}: {each.student}", [Verdict([shown], good=False)])
+        page = html(f"{lab.shown_title}: {each.student}", [Verdict([shown], good=False)])
     if not page:
         return result
     write_whole(kept / f"{each.student}.html", page)

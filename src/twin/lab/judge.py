@@ -43,7 +43,7 @@ MAX_INTERVAL_WIDTH = 2.0
 distance that gives no points: the middle of a wider one may have that error."""
 
 
-NOT_SIMULATED = ("name", "points", "full", "none", "after", "why", "look", "visible")
+NOT_SIMULATED = ("name", "points", "full", "none", "after", "why", "look", "visible", "texts")
 """Keys of a check that change none of its runs."""
 
 
@@ -153,7 +153,7 @@ def judge_answer(
         "schema": RESULT_SCHEMA,
         "lab": lab.name,
         "version": lab.version,
-        "title": lab.title,
+        "title": lab.shown_title,
         "language": lab.language,
         "student": dealt.student,
         "code": dealt.code,
@@ -253,9 +253,11 @@ class Judge(NamedTuple):
         Raises:
             NotMeasuredError: If its measurement is not kept, and nothing may be simulated.
         """
-        say = words(self.lab.language)
+        say, texts = words(self.lab.language), check.texts_in(self.lab.language)
         if none:
-            found = Measured(None, note=say("skipped_after", check=none[0]), ending="not graded")
+            first = next(each for each in self.lab.checks(hidden=True) if each.name == none[0])
+            name = first.texts_in(self.lab.language).name
+            found = Measured(None, note=say("skipped_after", check=name), ending="not graded")
         elif self.measurements is None:
             found = self.measure(check)
         else:
@@ -266,11 +268,12 @@ class Judge(NamedTuple):
         if found.ending == "early":
             why = say("unfinished", count=found.runs, ended=found.note)
         elif found.ending == "measured":
-            why = f"{self.describe(check, found)}. {check.why}".strip()
+            why = f"{self.describe(check, found)}. {texts.why}".strip()
         if found.ending in ("measured", "early"):
-            look = check.look
+            look = texts.look
         return {
             "name": check.name,
+            "title": texts.name,
             "description": describe_check(check, self.lab.language),
             "passed": passed,
             "score": score,
