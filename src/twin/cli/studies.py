@@ -352,13 +352,12 @@ def _text(key: Path | None) -> str | None:
     return text
 
 
-def _existing_answer(_: click.Context, __: click.Parameter, answer: Path | None) -> Path | None:
-    """The file or folder of an answer, refused before anything is loaded if it does not exist."""
+def _refuse_missing(answer: Path | None) -> None:
+    """Report an answer that does not exist, before anything is loaded."""
     if answer is not None and not answer.exists():
         files = sorted(each.name for each in answer.parent.glob(f"*{answer.suffix}"))
         meant = nearest(answer.name, files).partition(" (known")[0]
         raise ScenarioError(f"{answer}: no such file{meant}")
-    return answer
 
 
 LAB = click.argument("lab", callback=_lab)
@@ -420,7 +419,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 
 @lab.command(cls=Command, example="lab check signs answer.py")
 @click.argument("lab")
-@click.argument("answer", required=False, type=PATH, callback=_existing_answer)
+@click.argument("answer", required=False, type=PATH)
 @click.option("--student", help="Owner of the rig, where no rig.toml next to the answer names one.")
 @KEY
 @click.option("--hidden", is_flag=True, help="Judge hidden checks, too, where they are.")
@@ -433,6 +432,7 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
 
     The answer is a file, or a folder with it; by default the current folder.
     """
+    _refuse_missing(how["answer"])
     from ballplate.lab import check as judge
     from twin.base.writing import write_whole
     from twin.lab.grade import format_result, table

@@ -361,9 +361,8 @@ def class_page(
         ends = [ending(each) for each in its]
         counts = (str(ends.count(end)) for end in CHECK_ENDINGS)
         mean = digits(points[at].mean(), places=2)
-        rows.append(
-            (f"{at + 1} {check.texts_in(lab.language).name}", f"{check.points:g}", *counts, mean)
-        )
+        name = f"{at + 1} {check.texts_in(lab.language).name} ({check.points:g})"
+        rows.append((name, *counts, mean))
     marks = []
     for each in sorted(found, key=lambda each: -(each["score"] or 0.0)):
         cells = [points_or_reason(its, lab.language) for its in each["results"]]
@@ -382,7 +381,7 @@ def class_page(
         blocks.append(Table(say("not_graded"), heads, problems, words=(0, 1)))
     if left_out:
         blocks.append(Text(left_out, title=say("left_out")))
-    columns = (say("check"), say("points_heading"), *map(say, CHECK_ENDINGS), say("mean_points"))
+    columns = (say("check"), *map(say, CHECK_ENDINGS), say("mean_points"))
     blocks.append(Table(say("checks"), columns, rows))
     numbers = map(str, range(1, len(checks) + 1))
     columns = (say("student"), say("points_heading"), *numbers)
