@@ -16,7 +16,9 @@ from typing import Any
 
 import pytest
 
+from twin.lab.copies import find_alike
 from twin.lab.grade import candidates, class_page
+from twin.lab.handed_in import Submission, collect
 from twin.lab.schema import Lab, deal, fill_answer, hand_out, read
 
 MINI = Path(__file__).parent / "mini"
@@ -106,7 +108,8 @@ def a_result(student: str, *scores: float) -> dict[str, Any]:
             "passed": score == 4,
             "score": score,
             "max_score": 4.0,
-            "data": {"value": 10 * score},
+            "cause": None if score == 4 else {"rationale": "why", "help": ""},
+            "data": {"value": 10 * score, "ending": "measured"},
         }
         for number, score in enumerate(scores)
     ]
@@ -125,6 +128,88 @@ def test_the_page_of_a_class_counts_what_became_of_each_check(tmp_path: Path) ->
     assert "5 students, 1 not graded; points of the others 3 to 10, median 9" in page
     rows = re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
-    row = next(row for row in cells if row and row[0] == "2 the ball is brought to the middle")
-    assert row[1:5] == ["3", "0", "0", "1"]
-    assert row[5] == "3 of 4"
+    row = next(row for row in cells if row and row[0] == "2 the ball is brought to the middle (4)")
+    assert row[1:] == ["3", "0", "0", "1", "3"]
+
+
+PUSHES = {
+    "ann": """        v = r[1]
+        n = np.sqrt(v[..., :1] ** 2 + v[..., 1:] ** 2)
+        push = 1.35 * 5.886 * self.arm_mm * 1e-3 / 0.02 * v / (n + 1e-6)
+""",
+    "bob": """        F = self.model.k1 * (self.arm_mm * 1e-3) / self.model.radius
+        norm = np.linalg.norm(r[1], axis=-1, keepdims=True)
+        direction = np.where(norm > 1e-3, r[1] / np.maximum(norm, 1e-3), 0.0)
+        push = self.factor * F * direction
+""",
+    "cem": """        friction = self.model.k1 * self.arm_mm / (1000 * self.model.radius)
+        speed = np.hypot(r[1][..., 0], r[1][..., 1])[..., None]
+        if np.any(speed > 0.001):
+            push = self.factor * friction * r[1] / np.clip(speed, 0.001, None)
+""",
+    "dora": """        friction = self.model.k1 * self.arm_mm / 1000 / self.model.radius
+        length = np.linalg.norm(r[1], axis=-1, keepdims=True)
+        push = self.factor * friction * r[1] / (length + 1e-3)
+""",
+}
+"""Answers to the lab friction that were written independently, below the same line."""
+
+
+def hand_in_pushes(folder: Path, **more: str) -> list[Submission]:
+    """Submissions of the lab friction: the independent answers, the solution, the starter twice."""
+    lab = read("friction")
+    line = "        push = np.zeros_like(wanted)\n"
+    texts = {name: lab.text("answer.py").replace(line, line + own) for name, own in PUSHES.items()}
+    texts |= {"eve": lab.text("solution.py"), "finn": lab.text("answer.py")}
+    texts |= {"gil": lab.text("answer.py"), **more}
+    folder.mkdir()
+    for name, text in texts.items():
+        filled = text if name in more else fill_answer(text, deal(lab, name, KEY).known)
+        (folder / f"{name}.py").write_text(filled)
+    return collect(lab, folder).submissions
+
+
+def test_independent_answers_from_one_starter_are_not_alike(tmp_path: Path) -> None:
+    handed_in = hand_in_pushes(tmp_path / "in")
+    assert find_alike(read("friction"), KEY, (), handed_in) == []
+
+
+def test_copies_and_values_of_another_student_are_named(tmp_path: Path) -> None:
+    lab = read("friction")
+    hand_in_pushes(tmp_path / "first")
+    copied = (tmp_path / "first" / "cem.py").read_text()
+    renamed = copied.replace("speed", "tempo").replace("friction *", "friction  *")
+    renamed = renamed.replace("tempo = ", "# my own idea\n        tempo = ")
+    found = find_alike(lab, KEY, ["gone"], hand_in_pushes(tmp_path / "in", hal=copied, ida=renamed))
+    value = repr(deal(lab, "cem", KEY).known["plant.friction.rolling_mm"])
+    assert {each[:3] for each in found if each.kind != "value"} == {
+        ("same", "cem", "hal"),
+        ("near", "cem", "ida"),
+        ("near", "hal", "ida"),
+    }
+    values = [each for each in found if each.kind == "value"]
+    assert values == [("value", "hal", "cem", value), ("value", "ida", "cem", value)]
+    assert values[0].text("en") == f"hal: {value} is a value of the rig of cem"
+
+
+def test_the_page_of_a_class_has_names_and_the_reason_of_each_0(tmp_path: Path) -> None:
+    lab = read(MINI)
+    found = [a_result(name, 2.0, 0.0, 0.0) for name in ("ann", "bob", "cem", "dan")]
+    for each, end in zip(found, ("measured", "broken", "timed out", "not graded"), strict=True):
+        each["results"][1]["data"]["ending"] = end
+    found.append({"student": "eve", "score": 0.0, "results": [], "problem": "not handed in"})
+    names = {"ann": "Ann Lee", "eve": "Eve <b>"}
+    page = class_page(lab, found, tmp_path, people=names, alike=["ann and bob: the same file"])
+    text = re.sub(r"\s*<[^>]+>\s*", "|", page)
+    cells = [each for each in text.split("|") if each]
+    for row in (
+        ["ann Ann Lee", "2", "2", "0 wrong", "0 wrong"],
+        ["bob", "2", "2", "0 broken"],
+        ["cem", "2", "2", "0 timed out"],
+        ["dan", "2", "2", "0 skipped"],
+        ["eve Eve &lt;b&gt;", "0 not handed in"],
+        ["2 - 3", "4", "\u2588" * 4],
+        ["ann and bob: the same file"],
+    ):
+        at = cells.index(row[0], cells.index("Marks, check by check") if len(row) > 3 else 0)
+        assert cells[at : at + len(row)] == row

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import re
 import shutil
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,6 +17,7 @@ import pytest
 import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
+from twin.lab import process
 from twin.lab.grade import (
     SELF_TEST,
     begin,
@@ -25,7 +28,7 @@ from twin.lab.grade import (
     try_answer,
 )
 from twin.lab.handed_in import collect
-from twin.lab.judge import Judge, judge_answer
+from twin.lab.judge import Judge, Measured, judge_answer
 from twin.lab.process import ANSWER_NAME, answering
 from twin.lab.schema import (
     PRACTICE_KEY,
@@ -184,7 +187,7 @@ def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path)
 def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:
     file = tmp_path / "class.csv"
     file.write_text("id,name\nann,A\n\nbob@x.org,B\n")
-    assert students(file) == ["ann", "bob@x.org"]
+    assert students(file) == {"ann": "A", "bob@x.org": "B"}
     for text, said in (
         ("id\nann\nann\n", "two students"),
         ("id\n../x\n", "letters"),
@@ -203,7 +206,7 @@ def test_a_class_is_read_as_spreadsheets_write_it(
     file = tmp_path / "class.csv"
     rows = (("id", "name"), ("M\xfcller", "A"), ("bob", '"B\r\nC"'))
     file.write_bytes("".join(between.join(row) + "\r\n" for row in rows).encode(encoding))
-    assert students(file) == ["M\xfcller", "bob"]
+    assert [*students(file)] == ["M\xfcller", "bob"]
 
 
 def test_a_starter_is_a_solution_without_what_stands_between_its_marks() -> None:
@@ -303,7 +306,8 @@ LINES = {
     "open('hidden.toml')": "FileNotFoundError",
     f"open({str(MINI / 'hidden.toml')!r})": "PermissionError",
     "__import__('os').listdir('/proc')": "PermissionError",
-    "[print('x' * 80) for _ in range(1000000)]": "prints or writes more than 256 kB",
+    "open('x', 'w').write('x' * 300000)": "it writes more than 256 kB",
+    "__import__('os').write(1, b'x' * 300000) and __import__('os').write(1, b'x')": "writes more",
     "__import__('time').sleep(60)": "it took longer than 1 s",
     "exec('while True: pass')": "it took longer than 1 s",
     "__import__('os').fork()": "an answer may not start a process",
@@ -339,6 +343,19 @@ def test_what_an_answer_may_not_do_fails_with_one_line(tmp_path: Path, line: str
     assert LINES[line] in str(caught.value)
     assert str(caught.value).startswith("answer.py")
     assert "\n" not in str(caught.value)
+
+
+def test_an_answer_that_prints_too_much_keeps_its_points_with_a_remark(tmp_path: Path) -> None:
+    lab, file = read(MINI), tmp_path / "answer.py"
+    mark = "        wanted ="
+    file.write_text(SOLUTION.replace(mark, f"        print('x' * 5999)\n{mark}"))
+    check = lab.check[0].model_copy(update={"set": ("duration=0.6", "metrics.start=0")})
+    found = Judge(lab, deal(lab, "ann", KEY), file).result(check, [])
+    assert (found["passed"], found["score"]) == (True, 2)
+    assert found["remark"].startswith("It prints more than 256 kB; the rest is dropped.")
+    assert found["log"][-1].startswith("xxx")
+    file.write_text(SOLUTION.replace(mark, f"        print('x' * 500)\n{mark}"))
+    assert Judge(lab, deal(lab, "ann", KEY), file).result(check, [])["remark"] == ""
 
 
 @pytest.mark.long
@@ -393,11 +410,12 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     )
     asked: list[str] = []
 
-    def counted(*given: object, **more: object) -> object:
-        asked.append(given[1].student)  # type: ignore[attr-defined]
-        return judge_answer(*given, **more)  # type: ignore[arg-type]
+    def counted(judge: Judge, check: CheckTable) -> Measured:
+        asked.append(f"{judge.dealt.student} {check.name}")
+        return measure(judge, check)
 
-    monkeypatch.setattr(grades, "judge_answer", counted)
+    measure = Judge.measure
+    monkeypatch.setattr(Judge, "measure", counted)
 
     def graded() -> dict[str, dict[str, object]]:
         people, every = ["ann", "bob", "cid"], collect(lab, handed_in).submissions
@@ -410,16 +428,58 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     }  # fmt: skip
     assert first["cid"]["problem"] == "not handed in"
     assert "student 'eve': not in the class" in str(first["eve"]["problem"])
-    assert asked == ["ann", "bob"]
+    every = [f"{name} {check}" for name in ("ann", "bob") for check in ("mass", "wind")]
+    assert sorted(asked) == sorted([*every, "ann width"])  # bob has no points for the mass
+    before = {
+        file.name: file.stat().st_mtime_ns for file in kept.iterdir() if "eve" not in file.name
+    }
+    asked.clear()
+    assert graded() == first
+    after = {
+        file.name: file.stat().st_mtime_ns for file in kept.iterdir() if "eve" not in file.name
+    }
+    assert (asked, after) == ([], before)
     (kept / "bob.json").write_text('{"kept_as": "half a')  # as of a disk that was full
     (handed_in / "ann" / "answer.toml").write_text("mass = 0.024\nwind = 1\n")
     assert graded()["ann"]["score"] == 6
-    assert asked == ["ann", "bob", "ann", "bob"]
+    assert sorted(asked) == sorted([*every, "ann width"])
     assert graded()["bob"]["score"] == 1
-    assert len(asked) == 4
+    assert len(asked) == 5
     lines = grades.marks(lab, list(graded().values())).splitlines()
     assert lines[0] == "student,score,max_score,mass,width,wind,problem"
     assert lines[1] == "ann,6.0,7.0,4.0,2.0,0.0,"
+
+
+def test_points_and_texts_change_without_a_simulation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "mini"
+    shutil.copytree(MINI, folder)
+    (tmp_path / "in").mkdir()
+    shutil.copy(MINI / "mutants" / "no_integrator.py", tmp_path / "in" / "ann.py")
+    kept, text = tmp_path / "kept", (folder / "lab.toml").read_text()
+
+    def graded() -> dict[str, Any]:
+        lab = read(folder)
+        handed_in = collect(lab, tmp_path / "in").submissions
+        return grades.grade(lab, KEY, None, handed_in, kept, 1, lambda _: None)[0]
+
+    first, page = graded(), (kept / "ann.html").read_text()
+    assert "<svg" in page
+    monkeypatch.setattr(process.subprocess, "Popen", lambda *_, **__: pytest.fail("a process"))
+    changed = text.replace("points = 4", "points = 8").replace("none = 0.065", "none = 0.5")
+    changed = changed.replace("Plot the tilt", "Draw the tilt").replace("scenario =", "scenario  =")
+    (folder / "lab.toml").write_text(changed)
+    again = graded()
+    value = first["results"][1]["data"]["value"]
+    assert again["results"][1]["data"]["value"] == value
+    assert again["results"][1]["score"] == pytest.approx(8 * (0.5 - value) / 0.46, abs=0.01)
+    new_page = (kept / "ann.html").read_text()
+    assert "Draw the tilt" in new_page
+    assert re.findall(r"<svg.*?</svg>", new_page, re.S) == re.findall(r"<svg.*?</svg>", page, re.S)
+    (folder / "lab.toml").write_text(text.replace("seeds = [1, 2]", "seeds = [1, 3]"))
+    with pytest.raises(pytest.fail.Exception, match="a process"):
+        graded()
 
 
 def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: Path) -> None:
@@ -430,7 +490,8 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
     handed_in = collect(lab, hand_out_to).submissions
     for key, whole in ((KEY, True), (PRACTICE_KEY, False)):
-        found = [grades.grade_submission(lab, key, None, tmp_path, each) for each in handed_in]
+        grade_each = partial(grades.grade_submission, lab, key, None, tmp_path, "source")
+        found = [grade_each(each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)
     assert "is it the key of this course" in found[0]["problem"]
 
@@ -577,7 +638,7 @@ def test_a_page_of_a_student_has_no_hidden_check(tmp_path: Path) -> None:
         assert ("secret" in page) == everything
         assert "0 of 11 points" in page
         assert "<i>" not in page
-    assert "0 of 4 of them by checks that are not shown" in student_page(
+    assert "Checks that are not shown: 0 of 4 points." in student_page(
         judge, result, everything=False
     )
 
@@ -601,3 +662,36 @@ def test_a_new_lab_passes_its_own_selftest(tmp_path: Path) -> None:
     found = list(grades.selftest(read(tmp_path / "lab"), 2))
     assert len(found) == 6
     assert all(each.good for each in found if "graded within" not in each.what), found
+
+
+def test_a_lab_like_a_shipped_one_is_whole_and_has_no_key(tmp_path: Path) -> None:
+    old, folder = read("friction"), tmp_path / "mine"
+    begin("friction2", folder, old)
+    new = read(folder)
+    files = {each.relative_to(old.folder) for each in old.folder.rglob("*.*")}
+    files = {each for each in files if "__pycache__" not in each.parts}
+    assert {each.relative_to(folder) for each in folder.rglob("*.*")} == files
+    assert (new.name, new.title, new.hidden) == ("friction2", old.title, old.hidden)
+    assert new.check == old.check
+    assert [each.fails for each in candidates(new)] == [each.fails for each in candidates(old)]
+    assert "ballplate lab check friction2`" in new.text("task.md")
+    (folder / "course-key.txt").write_text(KEY)
+    begin("third", tmp_path / "third", read(folder))
+    assert not (tmp_path / "third" / "course-key.txt").exists()
+
+
+def test_a_scenario_runs_on_the_rig_of_a_sheet_by_one_option(tmp_path: Path) -> None:
+    lab, file = read("friction"), tmp_path / "ann" / "rig.toml"
+    hand_out(lab, {"ann": "."}, KEY, tmp_path / "ann")
+    arm = deal(lab, "ann", KEY).known["plant.friction.rolling_mm"]
+    own = load("circle", [f"parameters={file}"])
+    assert own.plant.friction.rolling_mm == arm
+    assert own.plant.level_deg == load("circle").plant.level_deg  # hidden
+    without = load("circle", ["plant.friction.rolling_mm=0", f"parameters={file}"])
+    assert without.plant.friction.rolling_mm == 0
+    file.write_text(file.read_text().replace("[told]", "[told]\n'plant.fiction' = 1"))
+    with pytest.raises(ScenarioError, match=r"circle.toml with .*rig.toml: .*fiction"):
+        load("circle", [f"parameters={file}"])
+    file.write_text('lab = "a"\nstudent = "b"\ntold = 3\n')
+    with pytest.raises(ScenarioError, match="told: must be a table"):
+        load("circle", [f"parameters={file}"])

@@ -210,7 +210,7 @@ _ON = click.option(
     expose_value=False,
     is_eager=True,
     callback=_note,
-    help="A shipped rig, or a file of identified parameters [the thesis's rig].",
+    help="A shipped rig, a file of identified parameters, or a lab's rig.toml [the thesis's rig].",
     shell_complete=rigs,
 )
 

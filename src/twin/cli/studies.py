@@ -11,7 +11,7 @@ import click
 
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
-from twin.base.errors import ScenarioError
+from twin.base.errors import ScenarioError, nearest
 from twin.base.jobs import cores
 from twin.base.page import Table
 from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
@@ -352,6 +352,14 @@ def _text(key: Path | None) -> str | None:
     return text
 
 
+def _refuse_missing(answer: Path | None) -> None:
+    """Report an answer that does not exist, before anything is loaded."""
+    if answer is not None and not answer.exists():
+        files = sorted(each.name for each in answer.parent.glob(f"*{answer.suffix}"))
+        meant = nearest(answer.name, files).partition(" (known")[0]
+        raise ScenarioError(f"{answer}: no such file{meant}")
+
+
 LAB = click.argument("lab", callback=_lab)
 KEY = click.option("--key", type=PATH, help="File with the course's key.")
 
@@ -370,15 +378,22 @@ def list_labs() -> int:
     return 0
 
 
-@lab.command(cls=Command, example="lab new friction2")
+@lab.command(cls=Command, example="lab new friction2 --like friction")
 @click.argument("name")
+@click.option("--like", help="Lab to copy whole, a name or a folder [a small one].")
 @click.option("--out", type=PATH, help="New folder [NAME].")
-def new(name: str, out: Path | None) -> int:
-    """Write a small lab of your own that passes its selftest, to be changed piece by piece."""
+def new(name: str, like: str | None, out: Path | None) -> int:
+    """Write a lab of your own that passes its selftest, to be changed piece by piece.
+
+    With --like it is a whole copy: sheet, checks, hidden checks, solution and mutants.
+    """
     from twin.lab.grade import begin
+    from twin.lab.schema import read
 
     folder = out or Path(name)
-    begin(name, folder)
+    begin(name, folder, read(like) if like else None)
+    if not any(folder.glob("solution.*")):
+        warn("without solution and mutants: an installed ballplate has none; a checkout does")
     say(f"{folder}/: begin with lab.toml and solution.py; then: ballplate lab selftest {folder}")
     return 0
 
@@ -417,6 +432,7 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
 
     The answer is a file, or a folder with it; by default the current folder.
     """
+    _refuse_missing(how["answer"])
     from ballplate.lab import check as judge
     from twin.base.writing import write_whole
     from twin.lab.grade import format_result, table
@@ -464,6 +480,7 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     """
     from twin.base.writing import write_whole, written_alone
     from twin.lab import grade as grades
+    from twin.lab.copies import find_alike
     from twin.lab.handed_in import collect
     from twin.lab.schema import students
 
@@ -477,9 +494,12 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
     page = out.with_suffix(".html")
-    write_whole(page, grades.class_page(lab, found, kept, collected.left_out))
+    alike = [each.text(lab.language) for each in find_alike(lab, key, names or (), handed_in)]
+    left_out = collected.left_out
+    text = grades.class_page(lab, found, kept, left_out, people=names, alike=alike)
+    write_whole(page, text)
     files = f"{out.name}, {page.name}; of each student {kept.name}/"
-    show(found, [grades.summary(found)], out.parent, files)
+    show(found, [grades.summary(found, lab.language), *alike], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0
 
 

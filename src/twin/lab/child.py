@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import inspect
+import io
 import json
 import math
 import os
@@ -22,7 +23,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 if __name__ == "__main__":
     # a name would be looked for in the folder of this file first
@@ -50,6 +51,26 @@ STARTING_EVENTS = ("os.fork", "os.exec", "os.posix_spawn", "os.system", "subproc
 PICKLED, NUMBERS = b"*", b"="
 """Tags of a pickle and of the bytes of an array; equal to those of ``lab/process.py``. A request of
 every period begins with its first letter."""
+
+
+class Printed(io.RawIOBase):
+    """What an answer prints: as much as its file may hold; the rest is dropped."""
+
+    def writable(self) -> bool:
+        """It can be written to."""
+        return True
+
+    def write(self, data: Any) -> int:
+        """Write bytes, up to the limit of the file."""
+        rest = memoryview(data).cast("B")
+        length = len(rest)
+        try:
+            while rest:
+                rest = rest[os.write(1, rest) :]
+        except OSError as error:
+            if error.errno != errno.EFBIG:
+                raise
+        return length
 
 
 def send_line(**content: Any) -> None:
@@ -229,7 +250,7 @@ def serve_function(file: Path, name: str) -> None:
 def line_of(error: BaseException, file: Path) -> str:
     """An error in one line: file and line of the answer, kind and words."""
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
-        words = f"it prints or writes more than {MAX_WRITTEN_BYTES // 1024} kB"
+        words = f"it writes more than {MAX_WRITTEN_BYTES // 1024} kB"
         error = OSError(words).with_traceback(error.__traceback__)
     line = catalog.failed_line(error, {str(file)}) or f"{file}: {catalog.error_words(error)}"
     return line.replace(str(file), file.name)[:MAX_ERROR_CHARACTERS]
@@ -260,4 +281,7 @@ if __name__ == "__main__":
     _IN, _OUT = os.dup(0), os.dup(1)
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    sys.stdout = sys.stderr = io.TextIOWrapper(
+        cast(BinaryIO, Printed()), "utf-8", "backslashreplace", write_through=True
+    )
     main(Path(sys.argv[1]), int(sys.argv[2]), *sys.argv[3:])

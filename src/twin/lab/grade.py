@@ -6,14 +6,12 @@ systems, and results in their formats, as JUnit and as pages.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -31,12 +29,19 @@ from controllers.catalog import EXECUTES
 from twin.base.data_file import DataError, parse_json, read_regular
 from twin.base.errors import ScenarioError, TwinError, nearest, printable, shorten
 from twin.base.jobs import results
-from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html
+from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html, inline
 from twin.base.page import render_template as rendered
 from twin.base.shipped import folder as shipped
 from twin.base.writing import write_folder, write_whole
 from twin.lab.handed_in import Submission
-from twin.lab.judge import Judge, digest_of, judge_answer
+from twin.lab.judge import (
+    Judge,
+    Measured,
+    Measurements,
+    NotMeasuredError,
+    judge_answer,
+    source_of,
+)
 from twin.lab.schema import (
     LAB_NAME_PATTERN,
     LOG_FILE,
@@ -54,40 +59,58 @@ from twin.lab.schema import (
     starter,
     toml,
 )
+from twin.lab.words import words
 from twin.run.tables import flat
-from twin.study.work import code, digest
-from twin.view.html import overview
 
+NOT_HANDED_IN = "not handed in"
+"""Problem of a student of the class without a submission."""
 LAB_TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 Result = Mapping[str, Any]
-OUTCOME_WORDS = {True: "passed", False: "failed", None: "skipped"}
+CHECK_ENDINGS = {"all": "passed", "some": "partly", "none": "failed", "skipped": "skipped"}
+"""How the points of a check may end, and the word of each in a student's table."""
 
 
-def reason(check: Result) -> str:
+def ending(check: Result) -> str:
+    """How the points of a check ended: one of ``CHECK_ENDINGS``."""
+    if check["passed"] is None:
+        return "skipped"
+    return "all" if check["passed"] else "some" if check["score"] else "none"
+
+
+def reason(check: Result, language: str = "en") -> str:
     """The reason for a check's points and where to look, in one text; empty if it passed."""
     cause = check["cause"]
     if cause is None:
         return ""
-    look = f" Look: {cause['help']}" if cause.get("help") and check["passed"] is not None else ""
-    return f"{cause['rationale']}{look}"
+    text = cause["rationale"]
+    if cause.get("help") and check["passed"] is not None:
+        text += words(language)("look", help=cause["help"])
+    return text.replace("`", "")  # signs of Markdown, which is plain text here
 
 
 def table(result: Result) -> Table:
     """A result for people: one check a line."""
+    language = result["language"]
+    say = words(language)
     rows = [
         (
-            *(
-                each["name"],
-                OUTCOME_WORDS[each["passed"]],
-                f"{each['score']:g} of {each['max_score']:g}",
-            ),
-            "\n".join([reason(each), *(f"printed: {line}" for line in each["log"])]).strip(),
+            each["title"],
+            say(CHECK_ENDINGS[ending(each)]),
+            say("points", score=each["score"], most=each["max_score"]),
+            "\n".join(
+                [
+                    reason(each, language),
+                    each["remark"],
+                    *(say("printed", line=line) for line in each["log"]),
+                ]
+            ).strip(),
         )
         for each in result["results"]
     ]
-    total = f"{result['score']:g} of {result['max_score']:g}"
-    title = f"{result['title']}: {result['student']}, {total} points"
-    return Table(title, ("check", "", "points", "why"), rows, words=(0, 1, 3))
+    total = say("total", score=result["score"], most=result["max_score"])
+    title = say("heading", title=result["title"], student=result["student"], total=total)
+    heads = (say("check"), "", say("points_heading"), say("why"))
+    return Table(title, heads, rows, words=(0, 1, 3))
 
 
 def format_result(result: Result, form: str) -> str:
@@ -104,7 +127,7 @@ def format_result(result: Result, form: str) -> str:
     text = rendered(
         LAB_TEMPLATE_FOLDER / "results" / f"{form}.j2",
         **result,
-        reason=reason,
+        reason=partial(reason, language=result.get("language", "en")),
         in_xml=in_xml,
         hundredths=lambda checks, key: sum(round(100 * each[key]) for each in checks),
         environ=os.environ,
@@ -118,12 +141,14 @@ def in_xml(text: str) -> str:
     return escape("".join(letter if letter.isprintable() else " " for letter in text))
 
 
-def begin(name: str, folder: Path) -> None:
-    """Write a small lab that passes its own selftest, as a start for a new one.
+def begin(name: str, folder: Path, like: Lab | None = None) -> None:
+    """Write a lab as a start for a new one: a small one that passes its selftest, or a copy.
 
     Args:
         name: Its name.
         folder: Where to; must not exist.
+        like: The lab to copy whole: solution, mutants, hidden checks and notes, as far as this
+            installation has them; never a key.
 
     Raises:
         TwinError: If no lab can have that name, or it cannot be written.
@@ -139,7 +164,24 @@ def begin(name: str, folder: Path) -> None:
             write_whole(inner / file.relative_to(start), text.replace("TITLE", words))
         write_whole(inner / "answer.py", starter((inner / "solution.py").read_text("utf-8")))
 
-    write_folder(folder, fill)
+    def copy(inner: Path) -> None:
+        assert like is not None
+        for file in filter(Path.is_file, like.folder.rglob("*")):
+            if "__pycache__" not in file.parts and not file.name.endswith("key.txt"):
+                content = file.read_bytes()
+                if file.suffix in (".md", ".toml"):
+                    content = _renamed(file, like.name, name).encode()
+                write_whole(inner / file.relative_to(like.folder), content)
+
+    write_folder(folder, fill if like is None else copy)
+
+
+def _renamed(file: Path, old: str, new: str) -> str:
+    """The text of a file of a lab for the lab's copy: its name, and commands with it."""
+    text = file.read_text(encoding="utf-8-sig")
+    if file.name == "lab.toml":
+        text = re.sub(r"(?m)^name\s*=.*$", f'name = "{new}"', text, count=1)
+    return re.sub(rf"(ballplate lab \w+ ){re.escape(old)}\b", rf"\g<1>{new}", text)
 
 
 def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) -> None:
@@ -209,58 +251,96 @@ def check_without_key(folder: Path, key: str | None) -> None:
             raise ScenarioError(f"{name}: has the course's key in it; the lab's folder is no place")
 
 
-CHECK_ENDINGS = ("all points", "some", "none", "skipped")
-"""How the points of a check may end."""
+class Drawing(NamedTuple):
+    """The picture of a check on a student's page.
+
+    Attributes:
+        check: Name of the check.
+        key: Key of its measurement; the picture is drawn again when it changes.
+        svg: The picture; empty for none.
+        problem: Why there is none.
+    """
+
+    check: str
+    key: str = ""
+    svg: str = ""
+    problem: str = ""
 
 
-def student_page(judge: Judge, result: Result, *, everything: bool) -> str:
+def student_page(
+    judge: Judge, result: Result, *, everything: bool, drawing: Drawing | None = None
+) -> str:
     """The page of a student.
 
     Args:
         judge: Judges the answer.
         result: Its result.
         everything: Whether hidden checks are on it, too.
+        drawing: The picture; by default that of the check that lost most points.
     """
-    results = result["results"]
+    results, say = result["results"], words(judge.lab.language)
     shown = [each for each in results if everything or each["visible"] != "hidden"]
     rig = "".join(f"; {key} = {value:.6g}" for key, value in judge.dealt.known.items())
+    about = {"lab": judge.lab.name, "version": judge.lab.version, "code": judge.dealt.code}
     lines = [
-        f"{result['score']:g} of {result['max_score']:g} points",
-        f"lab {judge.lab.name}, version {judge.lab.version}; rig {judge.dealt.code}{rig}",
+        say("total", score=result["score"], most=result["max_score"]),
+        say("rig", **about) + rig,
     ]
     if rest := [each for each in results if each not in shown]:
         got, most = (sum(each[key] for each in rest) for key in ("score", "max_score"))
-        lines.append(f"{got:g} of {most:g} of them by checks that are not shown")
+        lines.append(say("not_shown", score=got, most=most))
     blocks = [
         Verdict(lines, result["score"] >= result["max_score"]),
-        replace(table({**result, "results": shown}), title="Checks"),
-        *draw_worst_check(judge, {each["name"]: each for each in shown}),
+        replace(table({**result, "results": shown}), title=say("checks")),
+        *show_drawing(judge, result, drawing or draw_worst_check(judge, shown)),
     ]
-    return html(f"{judge.lab.title}: {result['student']}", blocks)
+    return html(f"{judge.lab.shown_title}: {result['student']}", blocks)
 
 
-def draw_worst_check(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
+def draw_worst_check(judge: Judge, shown: Sequence[Result]) -> Drawing | None:
     """The run of the check that lost most points; if none did, of the one with most points."""
+    results = {each["name"]: each for each in shown}
     runs = [
         each
         for each in judge.lab.checks(hidden=True)
-        if each.name in shown and each.scenario and not each.number
+        if each.name in results and each.scenario and not each.number
     ]
     if not runs:
-        return []
-    lost = {each.name: each.points - shown[each.name]["score"] for each in runs}
-    check = max(runs, key=lambda each: (lost[each.name], each.points))
+        return None
+    check = max(runs, key=lambda each: (each.points - results[each.name]["score"], each.points))
+    key = judge.key(check) if judge.measurements else ""
+    name = words(judge.lab.language)("your_answer")
+    from twin.view.html import overview  # noqa: PLC0415  heavy: an unchanged regrade draws nothing
+
     try:
-        run = judge.picture(check)
-        drawing = overview([replace(run, name="your answer")])
+        drawing = overview([replace(judge.picture(check), name=name)])
     except Exception as error:  # noqa: BLE001 - a missing picture costs no points
-        return [Text([f"No picture of '{check.name}': {error}"])]
-    note = f"The first run of this check. {check.look}" if lost[check.name] else ""
-    return [Picture(f"Check: {check.name}", drawing, note)]
+        return Drawing(check.name, key, problem=printable(str(error)))
+    return Drawing(check.name, key, inline(drawing))
+
+
+def show_drawing(judge: Judge, result: Result, drawing: Drawing | None) -> list[Block]:
+    """The picture of a check, or why there is none."""
+    if drawing is None:
+        return []
+    say, name = words(judge.lab.language), drawing.check
+    if drawing.problem:
+        return [Text([say("no_picture", check=name, error=drawing.problem)])]
+    check = next(each for each in judge.lab.checks(hidden=True) if each.name == name)
+    lost = any(each["name"] == name and not each["passed"] for each in result["results"])
+    texts = check.texts_in(judge.lab.language)
+    note = say("picture_note", look=texts.look.replace("`", "")) if lost else ""
+    return [Picture(say("picture", check=texts.name), Markup(drawing.svg), note)]
 
 
 def class_page(
-    lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence[str] = ()
+    lab: Lab,
+    found: Sequence[Result],
+    folder: Path,
+    left_out: Sequence[str] = (),
+    *,
+    people: Mapping[str, str] | None = None,
+    alike: Sequence[str] = (),
 ) -> str:
     """The page of a class.
 
@@ -269,53 +349,90 @@ def class_page(
         found: The results of its students.
         folder: Folder of their pages, next to this page.
         left_out: Entries among the submissions that are none, in words.
+        people: The names of students, if known.
+        alike: Answers that are alike, in words.
     """
+    say, names = words(lab.language), people or {}
     graded, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
     scores = [[its["score"] for its in each["results"]] for each in graded]
     points, rows = pd.DataFrame(scores, columns=range(len(checks))), []
     for at, check in enumerate(checks):
         its = [each["results"][at] for each in graded]
         ends = [ending(each) for each in its]
-        rows.append(
-            (
-                f"{at + 1} {check.name}",
-                *(str(ends.count(end)) for end in CHECK_ENDINGS),
-                f"{digits(points[at].mean(), places=2)} of {check.points:g}",
-            )
-        )
-    marks = [
-        (
-            link(each["student"], folder),
-            f"{each['score']:g}" if each["score"] is not None else "-",
-            *(f"{its['score']:g}" for its in each["results"] or [{"score": 0.0}] * len(checks)),
-        )
-        for each in sorted(found, key=lambda each: -(each["score"] or 0.0))
-    ]
-    problems = [(each["student"], each["problem"]) for each in found if "problem" in each]
-    blocks: list[Block] = [Text([summary(found)])]
-    if problems:
-        blocks.append(Table("Not graded", ("student", "why"), problems, words=(0, 1)))
+        counts = (str(ends.count(end)) for end in CHECK_ENDINGS)
+        mean = digits(points[at].mean(), places=2)
+        name = f"{at + 1} {check.texts_in(lab.language).name} ({check.points:g})"
+        rows.append((name, *counts, mean))
+    marks = []
+    for each in sorted(found, key=lambda each: -(each["score"] or 0.0)):
+        cells = [points_or_reason(its, lab.language) for its in each["results"]]
+        total = "-" if each["score"] is None else f"{each['score']:g}"
+        if each.get("problem") == NOT_HANDED_IN:
+            total = f"0 {say('not_handed_in')}"
+        who = Markup(" ").join([link(each["student"], folder), names.get(each["student"], "")])
+        marks.append((who, total, *cells, *[""] * (len(checks) - len(cells))))
+    blocks: list[Block] = [Text([summary(found, lab.language)])]
+    if alike:
+        blocks.append(Verdict(alike, good=False, title=say("alike_heading")))
+    if scores:
+        blocks.append(histogram(lab, [each["score"] for each in graded]))
+    if problems := [(each["student"], line) for each in found if (line := first_error(each))]:
+        heads = (say("student"), say("why"))
+        blocks.append(Table(say("not_graded"), heads, problems, words=(0, 1)))
     if left_out:
-        blocks.append(Text(left_out, title="Among the submissions, and none"))
+        blocks.append(Text(left_out, title=say("left_out")))
+    columns = (say("check"), *map(say, CHECK_ENDINGS), say("mean_points"))
+    blocks.append(Table(say("checks"), columns, rows))
     numbers = map(str, range(1, len(checks) + 1))
-    blocks.append(Table("Checks", ("check", *CHECK_ENDINGS, "mean points"), rows))
-    blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
-    return html(f"{lab.title}: {len(found)} students", blocks)
+    columns = (say("student"), say("points_heading"), *numbers)
+    blocks.append(Table(say("marks_heading"), columns, marks))
+    return html(say("class_title", title=lab.shown_title, count=len(found)), blocks)
 
 
-def summary(found: Sequence[Result]) -> str:
+def points_or_reason(check: Result, language: str) -> str:
+    """The points of a check; next to 0 the reason in a word."""
+    if check["score"]:
+        return f"{check['score']:g}"
+    return f"0 {words(language)('zero_' + check['data']['ending'].replace(' ', '_'))}"
+
+
+def first_error(result: Result) -> str:
+    """Why a submission could not be graded, or its first error; empty for none."""
+    errors = [
+        each["cause"]["rationale"]
+        for each in result["results"]
+        if each["data"]["ending"] in ("broken", "timed out")
+    ]
+    return str(result.get("problem", next(iter(errors), "")))
+
+
+HISTOGRAM_BINS = 10
+"""Largest number of bins of the histogram of points."""
+LONGEST_BAR = 20
+"""Characters of the longest bar of a histogram."""
+
+
+def histogram(lab: Lab, scores: Sequence[float]) -> Table:
+    """How many students have how many points, as a table with bars."""
+    say, most = words(lab.language), sum(each.points for each in lab.checks(hidden=True))
+    bins = min(HISTOGRAM_BINS, max(1, round(most)))
+    counts, edges = np.histogram(np.clip(scores, 0, most), bins=bins, range=(0, most))
+    scale = min(1.0, LONGEST_BAR / max(counts))
+    rows = [
+        (f"{low:g} - {high:g}", str(count), "\u2588" * round(np.ceil(scale * count)))
+        for low, high, count in zip(edges[:-1], edges[1:], counts, strict=True)
+    ]
+    heads = (say("points_heading"), say("students_heading"), "")
+    return Table(say("histogram"), heads, rows, words=(0, 2))
+
+
+def summary(found: Sequence[Result], language: str = "en") -> str:
     """The results of a class, in a sentence."""
     scores = pd.Series([each["score"] for each in found if each["results"]], dtype=float)
+    ends = {"low": scores.min(), "high": scores.max(), "median": scores.median()}
     problems = sum("problem" in each for each in found)
-    ends = f"{digits(scores.min())} to {digits(scores.max())}, median {digits(scores.median())}"
-    return f"{len(found)} students, {problems} not graded; points of the others {ends}"
-
-
-def ending(check: Mapping[str, Any]) -> str:
-    """How the points of a check ended: one of ``CHECK_ENDINGS``."""
-    if check["passed"] is None:
-        return "skipped"
-    return "all points" if check["passed"] else "some" if check["score"] else "none"
+    shown = {name: digits(value) for name, value in ends.items()}
+    return words(language)("summary", count=len(found), problems=problems, **shown)
 
 
 def link(student: str, folder: Path) -> str:
@@ -354,11 +471,68 @@ class SelfTest:
 SELF_TEST = SelfTest()
 
 
+class Kept(NamedTuple):
+    """What is kept of an earlier grading of a student.
+
+    Attributes:
+        result: The result; empty if there is none.
+        measured: Measurements by their key.
+        drawing: The picture of the page.
+    """
+
+    result: Result
+    measured: Mapping[str, Measured]
+    drawing: Drawing | None
+
+
+NOTHING_KEPT = Kept({}, {}, None)
+
+
+def read_kept(kept: Path, student: str) -> Kept:
+    """What is kept of a student; nothing if a file is missing, or was not written whole."""
+    try:
+        result = parse_json((kept / f"{student}.json").read_bytes())
+        measured = {key: Measured(**each) for key, each in result.pop("measured").items()}
+        drawing = result.pop("drawing")
+        if drawing is not None:
+            svg = (kept / f"{student}.svg").read_text(encoding="utf-8")
+            drawing = Drawing(**drawing, svg=svg)
+    except (OSError, DataError, KeyError, TypeError, AttributeError, UnicodeDecodeError):
+        return NOTHING_KEPT
+    page = kept / f"{student}.html"
+    return Kept(result if page.is_file() else {}, measured, drawing)
+
+
 def grade_submission(
-    lab: Lab, key: str | None, people: list[str] | None, kept: Path, each: Submission
+    lab: Lab,
+    key: str | None,
+    people: Collection[str] | None,
+    kept: Path,
+    source: str,
+    each: Submission,
+    *,
+    simulates: bool = True,
 ) -> dict[str, Any]:
-    """The result of a submission, its page written; a problem of it is part of the result."""
+    """The result of a submission; a problem of it is part of the result.
+
+    Its page, the measurements and the picture are written, as far as they changed.
+
+    Args:
+        lab: The lab.
+        key: The key of the course.
+        people: The students of the class; None for everyone who hands in.
+        kept: Folder of the results.
+        source: Hash of what runs depend on, see ``source_of``.
+        each: The submission.
+        simulates: Whether what is not kept is simulated.
+
+    Raises:
+        NotMeasuredError: If something is not kept, and nothing may be simulated.
+        TwinError: If a file cannot be written.
+    """
     shown = ""
+    earlier = read_kept(kept, each.student)
+    measurements = Measurements(source, earlier.measured, simulates)
     try:
         if people is not None and each.student not in people:
             where = nearest(each.student, people).partition(" (known:")[0]  # not the whole class
@@ -366,16 +540,28 @@ def grade_submission(
         if each.problem:
             raise ScenarioError(each.problem)
         with each.alone(lab.answer.file) as answer:
-            result, page = _judge_with_page(lab, key, each.student, answer)
+            result, page, drawing = _judge_with_page(
+                lab, key, each.student, answer, measurements, earlier
+            )
+    except NotMeasuredError:
+        raise
     except TwinError as error:
         problem = shown = printable(str(error))
     except Exception as error:  # noqa: BLE001 - one answer's error must not stop the others
         problem = printable(f"the grader failed: {type(error).__name__}: {error}")
         shown = "the grader failed; your lecturer has the reason"
     if shown:
-        result = result_without_points(each.student, problem)
-        page = html(f"{lab.title}: {each.student}", [Verdict([shown], good=False)])
+        result, drawing = result_without_points(each.student, problem), None
+        page = html(f"{lab.shown_title}: {each.student}", [Verdict([shown], good=False)])
+    if not page:
+        return result
     write_whole(kept / f"{each.student}.html", page)
+    if drawing is not None:
+        write_whole(kept / f"{each.student}.svg", drawing.svg)
+    about = drawing and {"check": drawing.check, "key": drawing.key, "problem": drawing.problem}
+    measured = {key: found._asdict() for key, found in measurements.used.items()}
+    stored = {**result, "measured": measured, "drawing": about}
+    write_whole(kept / f"{each.student}.json", format_result(stored, "json"))
     return result
 
 
@@ -385,22 +571,50 @@ def result_without_points(student: str, problem: str) -> dict[str, Any]:
 
 
 def _judge_with_page(
-    lab: Lab, key: str | None, student: str, answer: Path
-) -> tuple[dict[str, Any], str]:
-    """The result of an answer that exists, and the student's page of it."""
+    lab: Lab,
+    key: str | None,
+    student: str,
+    answer: Path,
+    measurements: Measurements,
+    earlier: Kept,
+) -> tuple[dict[str, Any], str, Drawing | None]:
+    """The result of an answer that exists, the student's page of it, and the page's picture.
+
+    The page is empty if nothing changed.
+
+    Raises:
+        NotMeasuredError: If something is not kept, and nothing may be simulated.
+        TwinError: If it cannot be graded.
+    """
     try:
         read_regular(answer)
     except DataError as error:
         raise ScenarioError(f"{lab.answer.file}: {error}") from None
     dealt = reload_deal(lab, answer.parent, key, student)
-    result = judge_answer(lab, dealt, answer, hidden=True)
-    return result, student_page(Judge(lab, dealt, answer), result, everything=False)
+    judge = Judge(lab, dealt, answer, measurements)
+    result = judge_answer(lab, dealt, answer, hidden=True, measurements=measurements)
+    if all(key in measurements.kept for key in measurements.used):
+        result["seconds"] = earlier.result.get("seconds", result["seconds"])
+    if result == earlier.result:
+        return result, "", earlier.drawing
+    shown = [each for each in result["results"] if each["visible"] != "hidden"]
+    names = [each["name"] for each in shown]
+    drawing = earlier.drawing
+    for check in lab.checks(hidden=True):
+        if drawing and check.name == drawing.check:
+            still = check.name in names and judge.key(check) == drawing.key
+            drawing = drawing if still else None
+    if drawing is None or drawing.check not in names:
+        if not measurements.simulates:
+            raise NotMeasuredError("picture")
+        drawing = draw_worst_check(judge, shown)
+    return result, student_page(judge, result, everything=False, drawing=drawing), drawing
 
 
 def grade(
     lab: Lab,
     key: str | None,
-    people: list[str] | None,
+    people: Collection[str] | None,
     handed_in: list[Submission],
     kept: Path,
     processes: int,
@@ -414,7 +628,8 @@ def grade(
         people: The students of the class; None for everyone who hands in.
         handed_in: The submissions.
         kept: Folder of the results, a file and a page for each student, written as soon as it is
-            complete; those of unchanged submissions are read from there.
+            complete. Nothing is simulated again whose answer, rig, runs and code are unchanged:
+            points and texts are made from the measurements that are kept there.
         processes: Number of submissions that are graded at the same time.
         progress: Called with the number of finished ones.
 
@@ -423,43 +638,25 @@ def grade(
     """
     for file in lab.own_code:
         EXECUTES.info(RUNS, file)  # logged here, once, whatever process runs it
-    mark, done = mark_of(lab), {}
-    names = {
-        each.student: digest(
-            f"{mark} {key} {each.student} {digest_of(each.answer)} {digest_of(each.rig)} "
-            f"{each.problem}"
-        )
-        for each in handed_in
-        if each.named
-    }
-    for student, name in names.items():
-        with suppress(OSError, DataError):
-            result = parse_json((kept / f"{student}.json").read_bytes())
-            if result.get("kept_as") == name and (kept / f"{student}.html").is_file():
-                done[student] = result
+    work = partial(grade_submission, lab, key, people, kept, source_of(lab))
+    done, left = {}, []
     for each in handed_in:
         if not each.named:  # no file can have the student's name
             done[each.student] = result_without_points(each.student, each.problem)
-    left = [(each.student, each) for each in handed_in if each.student not in done]
-    for student, result in results(
-        partial(grade_submission, lab, key, people, kept), left, processes
-    ):
-        done[student] = {**result, "kept_as": names[student]}
-        write_whole(kept / f"{student}.json", format_result(done[student], "json"))
-        progress(len(done))
+            continue
+        try:
+            done[each.student] = work(each, simulates=False)
+        except NotMeasuredError:
+            left.append((each.student, each))
+    progress(len(done))
+    if left:
+        for student, result in results(work, left, processes):
+            done[student] = result
+            progress(len(done))
     for student in people or ():
-        absent = {"student": student, "score": 0.0, "results": [], "problem": "not handed in"}
+        absent = {"student": student, "score": 0.0, "results": [], "problem": NOT_HANDED_IN}
         done.setdefault(student, absent)
     return [done[student] for student in sorted(done)]
-
-
-def mark_of(lab: Lab) -> str:
-    """A hash of a lab's files, as they are now, and of this program."""
-    total = hashlib.sha256(code().encode())
-    for path in sorted(lab.folder.rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts:
-            total.update(path.read_bytes())
-    return total.hexdigest()
 
 
 def marks(lab: Lab, found: list[dict[str, Any]]) -> str:

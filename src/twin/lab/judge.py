@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,16 +24,18 @@ from twin.base.errors import (
     printable,
     shorten,
 )
+from twin.base.shipped import shipped_in, shipped_scenarios
 from twin.base.validation import read_tables
 from twin.lab.handed_in import copy_files, is_there, missing
-from twin.lab.process import ANSWER_NAME, AnswerProcess, answering
+from twin.lab.process import ANSWER_NAME, AnswerProcess, OutOfTimeError, answering
 from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, load_function, measured_columns
-from twin.run.files import INDICATOR_UNITS
+from twin.lab.words import words
+from twin.run.files import INDICATORS
 from twin.run.finished import Run, run
 from twin.run.tables import in_json
 from twin.scenario import Scenario
 from twin.study.schema import FamilyRig, Point, draw_rigs, read_family
-from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
+from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code, digest
 
 RESULT_SCHEMA = "ballplate/lab-result/v1"
 MAX_INTERVAL_WIDTH = 2.0
@@ -39,29 +43,95 @@ MAX_INTERVAL_WIDTH = 2.0
 distance that gives no points: the middle of a wider one may have that error."""
 
 
-class EarlyEndError(LawError):
-    """A run of an answer ended before its time."""
+NOT_SIMULATED = ("name", "points", "full", "none", "after", "why", "look", "visible", "texts")
+"""Keys of a check that change none of its runs."""
 
 
 class NotGradedError(TwinError):
     """A check that cannot be graded here, or yet: the reason."""
 
 
-class CheckedNumber(NamedTuple):
-    """The number that a check judges.
+Ending = Literal["measured", "early", "broken", "timed out", "not graded"]
+"""How the measurement of a check may end."""
+
+
+class Measured(NamedTuple):
+    """The result of the runs of a check, before points and texts.
 
     Attributes:
-        value: The number; NaN for none.
-        text: The number in words.
+        value: The number that the check judges; None for none.
+        runs: Number of runs; of those that ended early, where they leave no number.
+        note: How runs ended early, or the error, in a line.
+        ending: How the measurement ended.
         log: Lines that the answer printed.
+        too_much: Size in kB of what is kept of its printed text, if it printed more; else 0.
     """
 
-    value: float
-    text: str
+    value: float | None
+    runs: int = 0
+    note: str = ""
+    ending: Ending = "measured"
     log: Sequence[str] = ()
+    too_much: int = 0
 
 
-def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]:
+class NotMeasuredError(Exception):
+    """A result needs a measurement that is not kept."""
+
+
+@dataclass
+class Measurements:
+    """Measurements that are kept, by what was simulated for each.
+
+    Attributes:
+        source: Hash of the code and of the lab's files that runs depend on, see ``source_of``.
+        kept: Measurements by their key.
+        simulates: Whether one that is not kept is simulated.
+        used: Those that were needed, kept before or new.
+    """
+
+    source: str
+    kept: Mapping[str, Measured] = field(default_factory=dict)
+    simulates: bool = True
+    used: dict[str, Measured] = field(default_factory=dict)
+
+    def get(self, key: str, measure: Callable[[], Measured]) -> Measured:
+        """The measurement of a key.
+
+        Raises:
+            NotMeasuredError: If it is not kept, and nothing may be simulated.
+        """
+        if key not in self.kept and not self.simulates:
+            raise NotMeasuredError(key)
+        self.used[key] = self.kept[key] if key in self.kept else measure()
+        return self.used[key]
+
+
+def source_of(lab: Lab) -> str:
+    """A hash of this program and of the files of a lab that its runs may depend on."""
+    total = hashlib.sha256(code().encode())
+    own = {*lab.folder.rglob("*")} - {lab.folder / lab.answer.file}
+    own -= {*lab.folder.glob("*.md"), *lab.folder.glob("solution.*")}
+    own -= {lab.folder / "lab.toml", lab.folder / "hidden.toml"}
+    shipped = set()
+    for check in lab.checks(hidden=True):
+        named = ((check.scenario, shipped_scenarios()), (check.family, shipped_in("families")))
+        shipped |= {known[name] for name, known in named if name in known}
+    for path in sorted(own | shipped):
+        inner = {"mutants", "__pycache__"}.intersection(path.parts)
+        if path.is_file() and not inner:
+            total.update(path.name.encode() + path.read_bytes())
+    return total.hexdigest()
+
+
+def judge_answer(
+    lab: Lab,
+    dealt: Deal,
+    file: Path,
+    *,
+    hidden: bool,
+    measurements: Measurements | None = None,
+) -> dict[str, Any]:
     """The result of an answer: the results of check50 with points; never an error of the answer.
 
     Args:
@@ -69,16 +139,22 @@ def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str
         dealt: The rig it is for.
         file: The answer, which may be missing.
         hidden: Whether the lecturer's hidden checks count, too.
+        measurements: Measurements that are kept.
+
+    Raises:
+        NotMeasuredError: If one is not kept, and nothing may be simulated.
     """
     begin, results = time.perf_counter(), list[dict[str, Any]]()
+    judge = Judge(lab, dealt, file, measurements)
     for check in lab.checks(hidden=hidden):
         none = {each["name"] for each in results if not each["score"]}.intersection(check.after)
-        results.append(Judge(lab, dealt, file).result(check, sorted(none)))
+        results.append(judge.result(check, sorted(none)))
     return {
         "schema": RESULT_SCHEMA,
         "lab": lab.name,
         "version": lab.version,
-        "title": lab.title,
+        "title": lab.shown_title,
+        "language": lab.language,
         "student": dealt.student,
         "code": dealt.code,
         "rig": dealt.point if hidden else dealt.known,
@@ -99,26 +175,55 @@ def digest_of(file: Path) -> str:
         return ""
 
 
-def ramp(check: CheckTable) -> str:
-    """The numbers at which a check gives all points and none, in words."""
-    what, unit = describe_quantity(check)
-    ends = f"all {check.points:g} points from {check.full:g}{unit} on, none from {check.none:g}"
-    return f"{what}: {ends}{unit}"
+class Quantity(NamedTuple):
+    """The quantity that a check judges.
+
+    Attributes:
+        what: The quantity in words.
+        unit: Its unit as it is printed, after a blank; empty for none.
+        scale: Factor from the value to that unit.
+    """
+
+    what: str
+    unit: str = ""
+    scale: float = 1.0
+
+    def value(self, value: float) -> str:
+        """A value in its unit, in the digits that matter."""
+        return f"{self.scale * value:.3g}{self.unit}"
 
 
-def describe_quantity(check: CheckTable) -> tuple[str, str]:
-    """The quantity that a check judges, and its unit, in words."""
-    unit = f" {INDICATOR_UNITS.get(check.metric, '')}".rstrip()
+def quantity_of(check: CheckTable, language: str) -> Quantity:
+    """The quantity that a check judges, in words of a language."""
+    say = words(language)
     if check.number:
-        what = "width of the interval" if check.judge == "width" else "distance from the truth"
-        return f"{check.number}, {what}", " %" if check.relative else ""
+        what = "width" if check.judge == "width" else "distance"
+        return Quantity(say(what, number=check.number), " %" if check.relative else "")
     if not check.metric:
-        return "share of the runs that finish", ""
-    if check.limit is not None:
-        return f"share of the runs with {check.metric} of at most {check.limit:g}{unit}", ""
+        return Quantity(say("outcome_named"), " %", 100.0)
+    metric, printed = say.metric(check.metric), INDICATORS[check.metric].get("printed", "")
     if check.against:
-        return f"{check.metric} over that with {', '.join(check.against)}", ""
-    return check.metric, unit
+        settings = ", ".join(check.against)
+        return Quantity(say("against", metric=metric, settings=settings))
+    own = Quantity(metric, f" {printed}".rstrip(), 1000.0 if printed == "mm" else 1.0)
+    if check.limit is None:
+        return own
+    limit = own.value(check.limit)
+    return Quantity(say("share_named", metric=metric, limit=limit), " %", 100.0)
+
+
+def describe_limits(check: CheckTable, language: str) -> str:
+    """The numbers at which a check gives all points and none, in words."""
+    quantity = quantity_of(check, language)
+    name = "limits_up_to" if check.full < check.none else "limits_from"
+    full, none = (quantity.value(each) for each in (check.full, check.none))
+    return words(language)(name, full=full, none=none)
+
+
+def describe_check(check: CheckTable, language: str) -> str:
+    """The quantity that a check judges and the limits of its points, in words."""
+    limits = describe_limits(check, language)
+    return words(language)("described", what=quantity_of(check, language).what, limits=limits)
 
 
 class Judge(NamedTuple):
@@ -128,12 +233,14 @@ class Judge(NamedTuple):
         lab: The lab.
         dealt: The rig the answer is for.
         file: The answer.
+        measurements: Measurements that are kept; None for none.
         max_interval_width: Largest width of an interval, see ``MAX_INTERVAL_WIDTH``.
     """
 
     lab: Lab
     dealt: Deal
     file: Path
+    measurements: Measurements | None = None
     max_interval_width: float = MAX_INTERVAL_WIDTH
 
     def result(self, check: CheckTable, none: Sequence[str]) -> dict[str, Any]:
@@ -142,32 +249,90 @@ class Judge(NamedTuple):
         Args:
             check: The check.
             none: The checks before it that got no points, without which it cannot be graded.
+
+        Raises:
+            NotMeasuredError: If its measurement is not kept, and nothing may be simulated.
         """
-        passed: bool | None = False
-        score, found, look = 0.0, CheckedNumber(math.nan, ""), check.look
-        try:
-            data = tables(self.lab.answer, self.file)
-            if none:
-                raise NotGradedError(f"cannot be graded: '{none[0]}' got no points")
-            found = self.number(check, data)
-            score = check.earned(found.value)
-            passed, why = score >= check.points, f"{found.text}; {ramp(check)}. {check.why}".strip()
-        except TwinError as error:
-            why = printable(str(error))
-            passed = None if isinstance(error, NotGradedError) else False
-            look = check.look if isinstance(error, EarlyEndError) else ""
+        say, texts = words(self.lab.language), check.texts_in(self.lab.language)
+        if none:
+            first = next(each for each in self.lab.checks(hidden=True) if each.name == none[0])
+            name = first.texts_in(self.lab.language).name
+            found = Measured(None, note=say("skipped_after", check=name), ending="not graded")
+        elif self.measurements is None:
+            found = self.measure(check)
+        else:
+            found = self.measurements.get(self.key(check), lambda: self.measure(check))
+        score = 0.0 if found.value is None else check.earned(found.value)
+        passed = None if found.ending == "not graded" else score >= check.points
+        why, look = found.note, ""
+        if found.ending == "early":
+            why = say("unfinished", count=found.runs, ended=found.note)
+        elif found.ending == "measured":
+            why = f"{self.describe(check, found)}. {texts.why}".strip()
+        if found.ending in ("measured", "early"):
+            look = texts.look
         return {
             "name": check.name,
-            "description": ramp(check),
+            "title": texts.name,
+            "description": describe_check(check, self.lab.language),
             "passed": passed,
             "score": score,
             "max_score": check.points,
             "visible": check.visible,
-            "log": [printable(line) for line in found.log],
+            "log": list(found.log),
+            "remark": say("too_much", size=found.too_much) if found.too_much else "",
             "cause": None if passed else {"rationale": why, "help": look},
             "dependency": list(check.after),
-            "data": {"value": found.value if math.isfinite(found.value) else None},
+            "data": {"value": found.value, "ending": found.ending},
         }
+
+    def key(self, check: CheckTable) -> str:
+        """A hash of what is simulated for a check: the answer, the rig, its runs, the code.
+
+        Points, limits and texts are not part of it.
+        """
+        assert self.measurements is not None
+        judged = check.model_dump(mode="json", exclude=set(NOT_SIMULATED))
+        judged["small is good"] = check.full < check.none
+        if check.number:
+            judged["none"] = check.none  # the widest interval that counts
+        about = self.lab.answer.model_dump(mode="json")
+        parts = [self.measurements.source, digest_of(self.file), self.dealt._asdict(), about]
+        return digest(json.dumps([*parts, judged], sort_keys=True))
+
+    def describe(self, check: CheckTable, found: Measured) -> str:
+        """The sentence about a number that was measured, with the limits of its points."""
+        language = self.lab.language
+        say, quantity = words(language), quantity_of(check, language)
+        limits = describe_limits(check, language)
+        ended = f"; {found.note}" if found.note else ""
+        if found.value is None:
+            limit = f"{self.max_interval_width * abs(check.none):g}{quantity.unit}"
+            name = "too_wide" if check.judge == "distance" else "no_number"
+            return f"{say(name, number=check.number, limit=limit)} ({limits})"
+        if not check.number and (not check.metric or check.limit is not None):
+            count = round(found.value * found.runs)
+            parts = {"count": count, "runs": found.runs}
+            if check.limit is None:
+                return say("outcome", **parts) + ended
+            metric = quantity_of(check.model_copy(update={"limit": None}), language)
+            limit = metric.value(check.limit)
+            return f"{say('share', metric=metric.what, limit=limit, **parts)} ({limits}){ended}"
+        value = quantity.value(found.value)
+        return f"{say('measured', what=quantity.what, value=value)} ({limits})"
+
+    def measure(self, check: CheckTable) -> Measured:
+        """Simulate the runs of a check; an error of the answer is part of the measurement."""
+        try:
+            data = tables(self.lab.answer, self.file)
+            return self.number(check, data)
+        except TwinError as error:
+            ending: Ending = "broken"
+            if isinstance(error, NotGradedError):
+                ending = "not graded"
+            elif isinstance(error, OutOfTimeError):
+                ending = "timed out"
+            return Measured(None, note=printable(str(error)), ending=ending)
 
     def picture(self, check: CheckTable) -> Run:
         """The first run of a check, whole.
@@ -192,8 +357,8 @@ class Judge(NamedTuple):
             table = {"law": "controller", "observer": "observer"}.get(about.kind)
             yield [f"{table}.kind={ANSWER_NAME}"] if table else (), process
 
-    def number(self, check: CheckTable, data: Mapping[str, Any]) -> CheckedNumber:
-        """The number that a check judges.
+    def number(self, check: CheckTable, data: Mapping[str, Any]) -> Measured:
+        """The number that a check judges, measured.
 
         Args:
             check: The check.
@@ -209,9 +374,13 @@ class Judge(NamedTuple):
             else:
                 rows = self.rows(check, fixed)
                 if process is not None and process.failure is not None:
-                    raise LawError(process.failure)
+                    raise process.error()
                 found = self.of_runs(check, rows)
-            return found if process is None else found._replace(log=process.last_printed())
+            if process is None:
+                return found
+            log = [printable(line) for line in process.last_printed()]
+            kept_kb = process.most_printed // 1024 if process.prints_too_much() else 0
+            return found._replace(log=log, too_much=kept_kb)
 
     def answers(
         self, check: CheckTable, data: Mapping[str, Any], process: AnswerProcess | None
@@ -263,13 +432,12 @@ class Judge(NamedTuple):
         work = ScenarioRuns(scenario for _, scenario in self.scenarios(check, fixed))
         return carry_out(work.jobs(work.tasks))
 
-    def of_runs(self, check: CheckTable, rows: list[Row]) -> CheckedNumber:
+    def of_runs(self, check: CheckTable, rows: list[Row]) -> Measured:
         """The number that a check computes from its runs.
 
         Raises:
             LawError: If there is none, because of a run.
         """
-        what, unit = describe_quantity(check)
         refused = next((row["reason"] for row in rows if row["outcome"] == "refused"), None)
         if refused is not None:
             raise LawError(refused)
@@ -282,10 +450,9 @@ class Judge(NamedTuple):
                 if check.limit is None
                 else int((values <= check.limit).sum())
             )
-            text = f"{kept} of {len(rows)} runs" + (f"; {ended}" if ended else "")
-            return CheckedNumber(kept / len(rows), text)
+            return Measured(kept / len(rows), len(rows), ended)
         if ended:
-            raise EarlyEndError(f"{len(early)} of {len(rows)} runs did not finish: {ended}")
+            return Measured(None, len(early), ended, "early")
         if check.against:
             values /= np.array(
                 [row[check.metric] for row in self.rows(check, check.against)], float
@@ -293,18 +460,13 @@ class Judge(NamedTuple):
         if not np.isfinite(values).all():
             raise LawError(f"{check.metric}: does not apply to these runs")
         worst = float(values.max() if check.full < check.none else values.min())
-        return CheckedNumber(worst, f"{what} {worst:.4g}{unit}")
+        return Measured(worst, len(rows))
 
-    def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> CheckedNumber:
+    def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> Measured:
         """The number that a check computes from the numbers of an answer, one for each rig."""
-        value = max(self.error(check, given, point) for point, given in found)
-        unit, text = describe_quantity(check)[1], "is no such number"
-        if math.isfinite(value):
-            text = f"{value:.4g}{unit}"
-        elif check.judge == "distance":
-            widest = self.max_interval_width * abs(check.none)
-            text += f", or an interval wider than {widest:g}{unit}"
-        return CheckedNumber(value, f"{check.number}: {text}")
+        errors = [self.error(check, given, point) for point, given in found]
+        worst = max(errors)
+        return Measured(worst if math.isfinite(worst) else None, len(errors))
 
     def error(self, check: CheckTable, given: Any, point: Point) -> float:
         """The distance of an answer in numbers from the truth, or the width of its interval."""

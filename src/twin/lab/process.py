@@ -84,6 +84,10 @@ ONE_AT_A_TIME = RLock()
 """Held while a process of this computer has the name ``answer``: a cluster's may have threads."""
 
 
+class OutOfTimeError(LawError):
+    """An answer took longer than it may."""
+
+
 @dataclass
 class AnswerProcess:
     """Sandboxed subprocess that runs a student's answer.
@@ -101,8 +105,10 @@ class AnswerProcess:
         left: Remaining processor time in s: ``seconds`` and what it took until it was ready, less
             the time in which it slept.
         end: Monotonic time in s at which it must have ended, whatever the machine's load.
+        most_printed: Bytes of its printed text that are kept.
         limits: What it may use and send.
         failure: Why it ended, in one line.
+        out_of_time: Whether it ended because it took too long.
         program: Whether it is a program that receives numbers alone.
         loading: Whether it has not come to its first answer.
         checked: Monotonic time in s of the last examination of its folder.
@@ -116,8 +122,10 @@ class AnswerProcess:
     seconds: float
     left: float
     end: float
+    most_printed: int
     limits: AnswerLimits = ANSWER_LIMITS
     failure: str | None = None
+    out_of_time: bool = False
     program: bool = False
     loading: bool = True
     checked: float = 0.0
@@ -233,6 +241,7 @@ class AnswerProcess:
             state, used = self.processor_time()
             self.left -= 0.0 if state in BUSY_STATES else poll
             if ready or used > self.left or monotonic() > self.end:
+                self.out_of_time = True
                 raise self.fail(self.describe_timeout())
             self.check_files()
 
@@ -277,6 +286,10 @@ class AnswerProcess:
             raise LawError(self.failure)
         return content
 
+    def prints_too_much(self) -> bool:
+        """Whether a part of what it printed was dropped."""
+        return os.fstat(self.prints.fileno()).st_size >= self.most_printed
+
     def last_printed(self, most: int = 5) -> list[str]:
         """The last lines that the answer printed."""
         text = os.pread(self.prints.fileno(), self.limits.printed_bytes, 0)
@@ -287,7 +300,11 @@ class AnswerProcess:
     def fail(self, why: str) -> LawError:
         """The error that it did not answer as it must; it receives no request after it."""
         self.failure = printable(f"{self.name}: {why}")
-        return LawError(self.failure)
+        return self.error()
+
+    def error(self) -> LawError:
+        """The error of its failure."""
+        return (OutOfTimeError if self.out_of_time else LawError)(str(self.failure))
 
 
 class AnswerLaw(Law):
@@ -446,6 +463,7 @@ def answering(
                 seconds=seconds,
                 left=limits.start_s,
                 end=monotonic() + limits.slowdown * (limits.start_s + loading + seconds),
+                most_printed=child.MAX_WRITTEN_BYTES,
                 limits=limits,
                 program=bool(about.command),
             )

@@ -24,6 +24,7 @@ from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.base.writing import why, write_folder, write_whole
+from twin.lab.words import words
 from twin.run.files import MOTION_INDICATORS, export
 from twin.run.finished import run
 from twin.scenario import Scenario
@@ -31,6 +32,8 @@ from twin.study.schema import Family, Point, draw_rigs, read_family
 from twin.study.work import Builder
 
 LAB_SCHEMA = "ballplate/lab/v1"
+Language = Literal["en", "de"]
+"""Languages of results and pages; equal to those of ``words.toml``."""
 Kind = Literal["law", "observer", "function", "numbers", "parameters"]
 DATA_KINDS = ("numbers", "parameters")
 """Kinds that are no code."""
@@ -114,6 +117,30 @@ def as_list(given: Any) -> Any:
     return (given,) if isinstance(given, str) else given
 
 
+class CheckTexts(Checked):
+    """The texts of a check in another language.
+
+    Attributes:
+        name: Its name.
+        why: The usual mistake of an answer that fails.
+        look: A hint where to look.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    why: str = ""
+    look: str = ""
+
+
+class LabTexts(Checked):
+    """The texts of a lab in another language.
+
+    Attributes:
+        title: Its title.
+    """
+
+    title: str
+
+
 class CheckTable(Checked):
     """A check: a number on a ramp from ``none`` to ``full``.
 
@@ -143,6 +170,7 @@ class CheckTable(Checked):
         why: The usual mistake of an answer that fails.
         look: A hint where to look.
         visible: To whom it is shown.
+        texts: Name, why and look in other languages.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -168,6 +196,12 @@ class CheckTable(Checked):
     why: str = ""
     look: str = ""
     visible: Visible = "visible"
+    texts: Mapping[Language, CheckTexts] = Field({})
+
+    def texts_in(self, language: Language) -> CheckTexts:
+        """Name, why and look in a language; its own texts if they are not translated."""
+        own = CheckTexts(name=self.name, why=self.why, look=self.look)
+        return self.texts.get(language, own)
 
     @model_validator(mode="after")
     def _one_judge(self) -> CheckTable:
@@ -213,6 +247,8 @@ class Lab(Checked):
     """A lab: the tables of ``lab.toml``, its folder, and the hidden checks.
 
     Attributes:
+        language: Language of sheets, results and pages.
+        texts: Its title in other languages.
         check: Checks that students may read.
         called: The name or folder by which it was requested.
         folder: Its folder.
@@ -223,6 +259,8 @@ class Lab(Checked):
     name: Annotated[str, Field(pattern=f"^{LAB_NAME_PATTERN}$")]
     version: Annotated[int, Field(ge=1)]
     title: str
+    language: Language = "en"
+    texts: Mapping[Language, LabTexts] = Field({})
     minutes: Annotated[int, Field(ge=1)] = 90
     textbooks: tuple[str, ...] = ()
     answer: AnswerTable
@@ -282,6 +320,21 @@ class Lab(Checked):
         named = {str(each.truth).partition(":") for each in self.checks(hidden=True)}
         files = {self.folder / file for file, _, function in named if function}
         return sorted(filter(Path.is_file, files))
+
+    @property
+    def shown_title(self) -> str:
+        """Its title in its language."""
+        return self.texts[self.language].title if self.language in self.texts else self.title
+
+    @property
+    def sheet(self) -> str:
+        """The text of its sheet: of ``task.LANGUAGE.md``, or of ``task.md`` if there is none.
+
+        Raises:
+            ScenarioError: If it cannot be read.
+        """
+        own = f"task.{self.language}.md"
+        return self.text(own if (self.folder / own).is_file() else "task.md")
 
     def path(self, name: str) -> str:
         """The path of a file of this lab's folder; any other name unchanged, as a shipped one."""
@@ -449,8 +502,10 @@ def reload_deal(lab: Lab, folder: Path, key: str | None, student: str | None = N
     return found._replace(true=handed.practice or key is not None)
 
 
-def students(path: Path) -> list[str]:
-    """The students of a class: the first column of a CSV file below its heading.
+def students(path: Path) -> dict[str, str]:
+    """The students of a class and their names, which may be empty.
+
+    They are the first and the second column of a CSV file below its heading.
 
     Spreadsheets write it with commas, semicolons or tabs, in UTF-8, UTF-16 or Windows' encoding.
 
@@ -461,8 +516,8 @@ def students(path: Path) -> list[str]:
         text = decode_text(path.read_bytes())
         between = max(",;\t", key=text.partition("\n")[0].count)
         table = csv.reader(io.StringIO(text, newline=""), delimiter=between)
-        cells = [row[0].strip() for row in table if row and row[0].strip()]
-        rows = [unicodedata.normalize("NFC", cell) for cell in cells[1:]]
+        cells = [[*row, ""][:2] for row in table if row and row[0].strip()][1:]
+        rows = [unicodedata.normalize("NFC", cell[0].strip()) for cell in cells]
     except (OSError, csv.Error) as error:
         raise ScenarioError(f"{path}: cannot be read: {why(error)}") from None
     twice = next((name for name in rows if rows.count(name) > 1), None)
@@ -471,7 +526,7 @@ def students(path: Path) -> list[str]:
         raise ScenarioError(f"{path}: {what}")
     for name in rows:
         check_name(name)
-    return rows
+    return {row: printable(cell[1].strip()) for row, cell in zip(rows, cells, strict=True)}
 
 
 def check_name(student: str) -> None:
@@ -500,8 +555,8 @@ def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path)
     Raises:
         TwinError: If a file of the lab cannot be read, or one not be written, or a log not be run.
     """
-    answer = lab.answer.file
-    sheet, template = lab.text("task.md").rstrip(), lab.text(answer)
+    answer, say = lab.answer.file, words(lab.language)
+    sheet, template = lab.sheet.rstrip(), lab.text(answer)
 
     def fill(inner: Path) -> None:
         for student, place in places.items():
@@ -511,7 +566,8 @@ def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path)
             known = toml({json.dumps(each): value for each, value in dealt.known.items()})
             write_whole(own / RIG_FILE, f"{toml(rig)}[told]\n{known}")
             listed = "".join(f"- `{each}` = {value}\n" for each, value in dealt.known.items())
-            about = f"## Your rig\n\n{student}, code {dealt.code}\n\n{listed}"
+            heading = say("your_rig", student=student, code=dealt.code)
+            about = f"## {heading}\n\n{listed}"
             write_whole(own / "task.md", f"{sheet}\n\n{about}")
             write_whole(own / answer, fill_answer(template, dealt.known))
             record(lab, dealt, own / LOG_FILE)

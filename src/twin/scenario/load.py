@@ -169,9 +169,10 @@ Tables = dict[str, Any]
 def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
     """The scenario of a shipped name or a TOML file, with ``key=value`` overrides.
 
-    A key ``parameters`` names a shipped rig, or a file of identified parameters; they lie over the
-    scenario's own keys and under the overrides. Where that leaves less room to the ball, reference
-    and start become smaller in proportion, and the title states it.
+    A key ``parameters`` names a shipped rig, a file of identified parameters, or the ``rig.toml``
+    of a lab's student; they lie over the scenario's own keys and under the overrides. Where that
+    leaves less room to the ball, reference and start become smaller in proportion, and the title
+    states it.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -192,10 +193,28 @@ def resolve(
     if file is not None:
         if not isinstance(file, str):
             raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-        merged = _merge_tables(tables, _parameters(file, source), settings)
+        more = _parameters(file, source)
+        if more.keys() >= LAB_RIG_KEYS:  # values by dotted key: under the overrides, like them
+            more, settings = {}, [*_known_values(file, more), *settings]
+        merged = _merge_tables(tables, more, settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     return _judged_in_time(tables, merged, settings), source
+
+
+LAB_RIG_KEYS = {"lab", "student", "told"}
+"""Keys by which the ``rig.toml`` of a lab's student is recognised."""
+
+
+def _known_values(file: str, tables: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """The values of a lab's rig that its student knows, by dotted key.
+
+    Raises:
+        ScenarioError: If they are no table.
+    """
+    if not isinstance(tables["told"], dict):
+        raise ScenarioError(f"{file}: told: must be a table of values, got {tables['told']!r}")
+    return list(tables["told"].items())
 
 
 def _parameters(file: str, source: str, *over: str) -> Tables:
