@@ -53,7 +53,9 @@ def test_a_late_computer_is_told_first_where_a_condition_ended_the_run(severity,
     timing = TimingLog(0.002)
     for _ in range(20):
         timing.tick(0.004)
-    note = SimpleNamespace(condition=SimpleNamespace(severity=severity), text="PDOs unsteady")
+    note = SimpleNamespace(
+        condition=Condition("unsteady", severity, 0.1, "", ""), text="PDOs unsteady"
+    )
     clock = SimpleNamespace(timing=timing)
     rig = SimpleNamespace(clock=clock, scheduling=(), journal=[Entry(0.37, note)])
     heard = Heard()
