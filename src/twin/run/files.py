@@ -37,6 +37,8 @@ RUN_FILES = ("run.parquet", "metrics.json", "picture.png", STREAM_FILE)
 """What a run folder holds."""
 MANIFEST_FILE = "compare.json"
 """File of a comparison that lists the folders of its runs, and their indicators."""
+PICTURE_OF_MANY = "compare.png"
+"""Picture of the runs of a comparison, in their folder."""
 WHATIF_FILE = "whatif.json"
 """File of futures of a run: what ``--json`` prints, and their folders."""
 MAX_NAME_LENGTH = 100
@@ -67,7 +69,24 @@ def slug(text: str) -> str:
     if name == bare and len(name) <= MAX_NAME_LENGTH:
         return name
     mark = hashlib.sha256(text.encode()).hexdigest()[:6]
-    return f"{name[: MAX_NAME_LENGTH - 7]}-{mark}"
+    return "-".join(filter(None, (name[: MAX_NAME_LENGTH - 7], mark)))
+
+
+def folder_names(texts: Iterable[str]) -> list[str]:
+    """A name of a folder for each text, no two equal where upper and lower case are one.
+
+    None is the name of a file that lies next to run folders.
+    """
+    found: list[str] = []
+    taken = {MANIFEST_FILE, PICTURE_OF_MANY}
+    for text in texts:
+        name, number = slug(text), 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{slug(text)}~{number}"
+        taken.add(name.casefold())
+        found.append(name)
+    return found
 
 
 def free(folder: Path) -> Path:
