@@ -282,8 +282,8 @@ def compare(
     folder = writable(out, report)
     if folder is not None:
         forget(folder)
-    folders = _folders_of({label: case.name for label, case in cases.items()})
-    places = {} if folder is None else {label: folder / name for label, name in folders.items()}
+    own_folders = _folders_of({label: case.name for label, case in cases.items()})
+    places = {} if folder is None else {label: folder / name for label, name in own_folders.items()}
     runs = _run_cases(cases, processes, places, report, needed=not finished)
     positions = _positions(
         sources, cases, dict(zip(finished, [*logs, *found, *results], strict=True))
@@ -292,7 +292,7 @@ def compare(
         dict(sorted((finished | runs).items(), key=lambda each: positions[each[0]])),
         comparison(what, varied, [each.text for each in base]),
         {label: cases[label].name for label in runs},
-        folders={label: folders[label] for label in runs},
+        folders={label: own_folders[label] for label in runs},
         interrupted=len(runs) < len(cases),
         folder=folder,
         logs=tuple(each.name for each in recorded),

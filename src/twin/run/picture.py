@@ -120,6 +120,12 @@ def style(index: int) -> dict[str, Any]:
     return {"color": RUN_COLOURS[index % len(RUN_COLOURS)], "linestyle": LINE_STYLES[again]}
 
 
+def literal(text: str) -> str:
+    """A text that somebody chose, as matplotlib shows it as it is: no formula, and in a legend."""
+    plain = text.replace("$", r"\$")
+    return f" {plain}" if plain.startswith("_") else plain
+
+
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """A figure of a size in inches to draw on within, in the one look of all."""
@@ -286,7 +292,7 @@ def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: st
     figure.set_size_inches(PICTURE_WIDTH_PT / POINTS_PER_INCH, height / POINTS_PER_INCH)
     if lines:
         top = 1 - 5 / height
-        figure.suptitle("\n".join(lines), fontsize=TITLE_SIZE_PT, fontweight="bold", y=top)
+        figure.suptitle(literal("\n".join(lines)), fontsize=TITLE_SIZE_PT, fontweight="bold", y=top)
     for name, (left, low, wide, high) in PANEL_PLACES.items():
         panel = panels[name]
         panel.set_position(
@@ -343,7 +349,7 @@ def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, 
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
     ball = 1000 * motion.ball
-    panels["plate"].plot(*ball.T, label=label, **look)
+    panels["plate"].plot(*ball.T, label=literal(label), **look)
     panels["plate"].plot(*ball[0], "o", color=colour, ms=5)
     end: dict[str, Any] = {"color": colour, "marker": "X" if lost else "s", "ms": 9 if lost else 5}
     panels["plate"].plot(*ball[-1], **end)
