@@ -41,6 +41,8 @@ PICTURE_OF_MANY = "compare.png"
 """Picture of the runs of a comparison, in their folder."""
 WHATIF_FILE = "whatif.json"
 """File of futures of a run: what ``--json`` prints, and their folders."""
+MAX_LINKED_RUNS = 100_000
+"""Position of a linked run from which the file that names it is damaged."""
 MAX_NAME_LENGTH = 100
 """Characters of a folder's name."""
 
@@ -138,17 +140,24 @@ def read_manifest(folder: Path, manifest: str = MANIFEST_FILE) -> dict[str, str]
     try:
         found = parse_json((folder / manifest).read_bytes())
         inner = [Path(str(name)).name for name in found["folders"]]
+        if any(name in ("", "..") or "\0" in name for name in inner):
+            return {}  # no folder within this one, whoever wrote it
         return dict(zip(inner, map(str, found.get("names", inner)), strict=True))
     except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError):
         return {}
 
 
 def read_links(folder: Path, manifest: str = MANIFEST_FILE) -> list[tuple[int, Path]]:
-    """The finished runs that a comparison has shown and that lie elsewhere: position and folder."""
+    """The finished runs that a comparison has shown and that lie elsewhere: position and folder.
+
+    None if the file is damaged.
+    """
     try:
         found = parse_json((folder / manifest).read_bytes()).get("linked", [])
         links = [(int(each["position"]), folder / str(each["run"])) for each in found]
-    except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError):
+    except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        return []
+    if any(not 0 <= position < MAX_LINKED_RUNS or "\0" in str(run) for position, run in links):
         return []
     return sorted(links)
 
