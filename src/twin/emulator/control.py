@@ -79,6 +79,8 @@ class BusControl:
                 return self._damage(what, _identifier(identifier), numbers)
             case [_, node, *_] if words[0] in {each.split()[0] for each in WORDS}:
                 return self._drive(node, words)
+        if words and words[0] in {each.split()[0] for each in WORDS}:
+            raise ControlError(_usage(words[0]))
         raise UnknownLineError(f"known: {'; '.join(WORDS)}")
 
     def _damage(self, what: str, identifier: int | None, numbers: list[str]) -> str:
@@ -198,6 +200,18 @@ def _real(text: str, low: float = 0.0, high: float = 86400.0) -> float:
     if number is None or not low <= number <= high:
         raise ControlError(f"{text[:20]!r}: must be a number, {low:g} to {high:g}")
     return number
+
+
+def place_of_touch(line: str) -> tuple[float, float]:
+    """The place in m at which a line ``touch X Y``, in mm, touches the screen.
+
+    Raises:
+        ControlError: It has not two numbers of -1000 to 1000.
+    """
+    match line.split():
+        case ["touch", x, y]:
+            return _real(x, -1e3, 1e3) / 1e3, _real(y, -1e3, 1e3) / 1e3
+    raise ControlError("how: touch X Y, in mm")
 
 
 def _identifier(text: str) -> int | None:
