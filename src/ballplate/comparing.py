@@ -465,10 +465,18 @@ def variants_of(
     what = reporter.name_of("variants")
     if not names:
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
+    given_names = [variants] if isinstance(variants, str) else variants
+    if not isinstance(given_names, Mapping | Sequence) or not all(
+        isinstance(each, str) for each in given_names
+    ):
+        raise ScenarioError(
+            f"{what}: must be a table of names, or texts NAME='KEY=VALUE; KEY=VALUE', "
+            f"got {variants!r:.60}"
+        )
     pairs: list[tuple[str, Settings]] = []
     if isinstance(variants, Mapping):
         pairs += variants.items()
-    for text in () if isinstance(variants, Mapping) else variants:
+    for text in () if isinstance(variants, Mapping) else given_names:
         name, equals, rest = text.partition("=")
         if not equals:
             raise ScenarioError(f"{what} '{text:.80}': write NAME='KEY=VALUE; KEY=VALUE'")

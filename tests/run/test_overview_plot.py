@@ -245,6 +245,8 @@ def test_a_panel_that_is_none_and_a_width_of_no_page_are_one_line():
     runs = {"one": motion()}
     with pytest.raises(ScenarioError, match=r"panel 'err': unknown; did you mean 'error'\?"):
         pictures.panel(runs, "err", PLATE, 88)
-    for width in (math.nan, 0, 401):
+    with pytest.raises(ScenarioError, match=r"panel '3': unknown"):
+        pictures.panel(runs, 3, PLATE, 88)
+    for width in (math.nan, 0, 401, "88", None):
         with pytest.raises(ScenarioError, match="width_mm: must be 30 to 400"):
             pictures.panel(runs, "error", PLATE, width)

@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -185,8 +186,8 @@ def panel(runs: Mapping[str, Motion], name: str, plate: Dimensions, width_mm: fl
         ScenarioError: If there is no such panel, or the width is not 30 to 400 mm.
     """
     if name not in PANEL_PLACES:
-        raise ScenarioError(f"panel '{name:.40}': unknown{nearest(name, PANEL_PLACES)}")
-    if not MIN_WIDTH_MM <= width_mm <= MAX_WIDTH_MM:
+        raise ScenarioError(f"panel '{name!s:.40}': unknown{nearest(str(name), PANEL_PLACES)}")
+    if not isinstance(width_mm, Real) or not MIN_WIDTH_MM <= width_mm <= MAX_WIDTH_MM:
         limits = f"{MIN_WIDTH_MM:g} to {MAX_WIDTH_MM:g}"
         raise ScenarioError(f"width_mm: must be {limits}, got {width_mm!r}")
     *_, wide, high = PANEL_PLACES[name]
