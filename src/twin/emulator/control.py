@@ -10,7 +10,7 @@ import os
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from twin.base.errors import RigError, TwinError
@@ -237,13 +237,18 @@ def control_socket(path: Path, obey: Callable[[str], str]) -> Iterator[None]:
         """Answers the lines of one connection."""
 
         def handle(self) -> None:
-            """Answer each line until the other end closes."""
-            while line := self.rfile.readline(_LARGEST_LINE_BYTES):
-                try:
-                    answer = f"ok: {obey(line.decode(errors='replace').strip())}"
-                except ControlError as error:
-                    answer = f"error: {error}"
-                self.wfile.write(f"{answer}\n".encode())
+            """Answer each line until the other end closes, or sends a line that is too long."""
+            with suppress(ConnectionError):  # it has closed without waiting for the answer
+                while line := self.rfile.readline(_LARGEST_LINE_BYTES + 1):
+                    if len(line) > _LARGEST_LINE_BYTES:
+                        longest = f"error: a line has at most {_LARGEST_LINE_BYTES} bytes\n"
+                        self.wfile.write(longest.encode())
+                        return  # the end of it is no line of its own
+                    try:
+                        answer = f"ok: {obey(line.decode(errors='replace').strip())}"
+                    except ControlError as error:
+                        answer = f"error: {error}"
+                    self.wfile.write(f"{answer}\n".encode())
 
     mask = os.umask(0o177)  # for its owner alone
     try:
