@@ -15,7 +15,14 @@ from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_o
 from twin.base.errors import LawError, ScenarioError
 from twin.base.shipped import find
 from twin.base.writing import write_json, write_whole
-from twin.run.files import MANIFEST_FILE, forget, number_name, slug, sorted_out
+from twin.run.files import (
+    MANIFEST_FILE,
+    PICTURE_OF_MANY,
+    folder_names,
+    forget,
+    number_name,
+    sorted_out,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,7 +123,7 @@ class Comparison(Mapping[str, "Result"]):
         from ballplate.results import save_result
 
         forget(Path(folder))
-        self.folders = {label: slug(self.names[label]) for label in self.runs}
+        self.folders = _folders_of(self.names)
         for label, each in self.runs.items():
             save_result(each, Path(folder) / self.folders[label])
         return self.draw(folder)
@@ -130,7 +137,7 @@ class Comparison(Mapping[str, "Result"]):
         from twin.run.picture import png
 
         place = Path(folder)
-        write_whole(place / "compare.png", png(self.motions, self.title, self._plate))
+        write_whole(place / PICTURE_OF_MANY, png(self.motions, self.title, self._plate))
         content = {
             "folders": list(self.folders.values()),
             "names": [self.names[label] for label in self.folders],
@@ -155,6 +162,15 @@ class Comparison(Mapping[str, "Result"]):
         """For a notebook: indicators and picture."""
         runs = {self.names[label]: each for label, each in self.runs.items()}
         return overview(self.title, runs, self.plot())
+
+
+def _folders_of(names: Mapping[str, str]) -> dict[str, str]:
+    """The folder of each run within that of the comparison, by label.
+
+    Args:
+        names: What tables and pictures call each run, by label.
+    """
+    return dict(zip(names, folder_names(names.values()), strict=True))
 
 
 def link_to(folder: Path, place: Path) -> str:
@@ -257,7 +273,8 @@ def compare(
     opened = [*map(Result.from_run, found), *results]
     recorded, fitted = runs_of_logs(logs, names, opened, base, (columns, separator), report.warn)
     shown = [*map(Result.from_run, recorded), *opened]
-    cases = cases_of(names, [*fitted, *base], varied, chosen, alone=not shown)
+    own = report.name_of("variants")
+    cases = cases_of(names, [*fitted, *base], varied, chosen, alone=not shown, what=own)
     finished = label_runs(shown, cases)
     listed = ", ".join((*chosen, *names[bool(chosen) :], *finished))
     named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
@@ -265,7 +282,9 @@ def compare(
     folder = writable(out, report)
     if folder is not None:
         forget(folder)
-    runs = _run_cases(cases, processes, folder, report, needed=not finished)
+    own_folders = _folders_of({label: case.name for label, case in cases.items()})
+    places = {} if folder is None else {label: folder / name for label, name in own_folders.items()}
+    runs = _run_cases(cases, processes, places, report, needed=not finished)
     positions = _positions(
         sources, cases, dict(zip(finished, [*logs, *found, *results], strict=True))
     )
@@ -273,7 +292,7 @@ def compare(
         dict(sorted((finished | runs).items(), key=lambda each: positions[each[0]])),
         comparison(what, varied, [each.text for each in base]),
         {label: cases[label].name for label in runs},
-        folders={label: slug(cases[label].name) for label in runs},
+        folders={label: own_folders[label] for label in runs},
         interrupted=len(runs) < len(cases),
         folder=folder,
         logs=tuple(each.name for each in recorded),
@@ -286,7 +305,7 @@ def compare(
 def _run_cases(
     cases: Mapping[str, Case],
     processes: int | None,
-    folder: Path | None,
+    places: Mapping[str, Path],
     reporter: Reporter,
     *,
     needed: bool,
@@ -296,7 +315,7 @@ def _run_cases(
     Args:
         cases: By label.
         processes: Processes to use; all processors by default.
-        folder: Where each run is saved as it comes; None for nowhere.
+        places: Where each run is saved as it comes, by label; empty for nowhere.
         reporter: Receives progress, warnings and the errors of laws.
         needed: Whether at least one of them must run.
 
@@ -317,9 +336,7 @@ def _run_cases(
                 reporter.warn(f"{label}: {came}")
                 continue
             run = Result.from_run(came, label)
-            runs[label] = (
-                run if folder is None else save_result(run, folder / slug(cases[label].name))
-            )
+            runs[label] = save_result(run, places[label]) if places else run
     except KeyboardInterrupt:
         if not runs:
             raise
@@ -394,6 +411,7 @@ def cases_of(
     chosen: Mapping[str, Sequence[KeyChange]] | None = None,
     *,
     alone: bool = True,
+    what: str = "variants",
 ) -> dict[str, Case]:
     """Label to case of every run: each scenario with each combination of what is varied.
 
@@ -403,9 +421,11 @@ def cases_of(
         varied: Key to plain values.
         chosen: Changes of the first scenario by the name of the variant, in place of that scenario.
         alone: Whether nothing else is shown.
+        what: The argument of the variants in messages.
 
     Raises:
-        ScenarioError: If anything in them is unknown or out of range.
+        ScenarioError: If anything in them is unknown or out of range, or a variant has the name of
+            a scenario that is run as it is.
     """
     from twin.scenario.load import variants
 
@@ -414,6 +434,10 @@ def cases_of(
         scenario = scenario_of(names[0], [*base, *changed], titled=False)
         cases[called] = Case(scenario, called, names[0])
     for name in names[1:] if chosen else names:
+        if name in (chosen or {}):
+            raise ScenarioError(
+                f"{what} '{name}': a scenario of this comparison has this name; give another one"
+            )
         named = (name,) if len(names) > 1 or not varied or not alone else ()
         for variant in variants(varied):
             label, called = (
@@ -441,10 +465,18 @@ def variants_of(
     what = reporter.name_of("variants")
     if not names:
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
+    given_names = [variants] if isinstance(variants, str) else variants
+    if not isinstance(given_names, Mapping | Sequence) or not all(
+        isinstance(each, str) for each in given_names
+    ):
+        raise ScenarioError(
+            f"{what}: must be a table of names, or texts NAME='KEY=VALUE; KEY=VALUE', "
+            f"got {variants!r:.60}"
+        )
     pairs: list[tuple[str, Settings]] = []
     if isinstance(variants, Mapping):
         pairs += variants.items()
-    for text in () if isinstance(variants, Mapping) else variants:
+    for text in () if isinstance(variants, Mapping) else given_names:
         name, equals, rest = text.partition("=")
         if not equals:
             raise ScenarioError(f"{what} '{text:.80}': write NAME='KEY=VALUE; KEY=VALUE'")

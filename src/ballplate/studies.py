@@ -138,7 +138,7 @@ class Sweep:
         """
         import numpy as np
 
-        from twin.run.picture import style, styled_figure
+        from twin.run.picture import literal, style, styled_figure
 
         known = [name for name in DRAWN_INDICATORS if any(each is not None for each in self[name])]
         wanted = metrics or known[:1] or DRAWN_INDICATORS[:1]
@@ -148,7 +148,7 @@ class Sweep:
         at = np.array(self.values if numeric else [*map(format_value, self.values)])
         with styled_figure(8, 1.6 + 2.8 * len(wanted)) as figure:
             title = "\n".join(textwrap.wrap(self.title, TITLE_WIDTH))
-            figure.suptitle(title, fontsize=11, fontweight="bold")
+            figure.suptitle(literal(title), fontsize=11, fontweight="bold")
             panels = figure.subplots(len(wanted), sharex=True, squeeze=False)[:, 0]
             for panel, name in zip(panels, wanted, strict=True):
                 words, unit = LABELS.get(name, (name, ""))
@@ -156,7 +156,9 @@ class Sweep:
                     early = np.array([row["outcome"] != "finished" for row in rows])
                     each = np.array([row.get(name) for row in rows], float)
                     shown = np.where(early, np.nan, 1000 * each if unit == "mm" else each)
-                    (line,) = panel.plot(at, shown, marker="o", ms=4, label=curve, **style(index))
+                    (line,) = panel.plot(
+                        at, shown, marker="o", ms=4, label=literal(curve), **style(index)
+                    )
                     cross = {"color": line.get_color(), "transform": panel.get_xaxis_transform()}
                     if early.any():
                         panel.plot(at[early], np.ones(early.sum()), "x", clip_on=False, **cross)

@@ -49,6 +49,11 @@ CALLS = {
         lambda: bp.run("hold", "duration=1"),
         lambda: bp.run("circle", 5),
     ],
+    "variants: must be a table of names, or texts NAME=": [
+        lambda given=given: bp.compare("circle", variants=given)
+        for given in (3, {1: {"seed": 1}}, [1, 2], {"a"}, b"a=b=1")
+    ],
+    "variants 'ab': write NAME=": [lambda: bp.compare("circle", variants="ab")],
     "5": [lambda: bp.run("circle", [5])],
     "must be a number": [lambda: bp.run("hold", {"duration": object()})],
     "out /proc/nowhere: cannot be": [lambda: bp.run("hold", out="/proc/nowhere")],

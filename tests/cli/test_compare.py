@@ -157,6 +157,10 @@ def test_a_finished_run_of_a_scenario_s_name_is_called_by_its_folder(ballplate):
         (("--with", "=seed=1"), "--with '': a name has 1 to 60 letters"),
         (("--with", f"{'x' * 61}=seed=1"), "a name has 1 to 60 letters"),
         (("--with", "A=seed=1", "--with", "A=seed=2"), "--with 'A': two variants have this name"),
+        (
+            ("step", "--with", "step=seed=1"),
+            "--with 'step': a scenario of this comparison has this name; give another one",
+        ),
         (("--with", "A=sead=1"), "sead: unknown key; did you mean 'seed'?"),
         (("--with", "A=seed=1", "--vary", "seed=[1,2]"), "--with and --vary: give one of them"),
     ],
@@ -165,6 +169,18 @@ def test_a_variant_that_cannot_be_named_is_one_line(ballplate, typed, words):
     code, _, err = ballplate("compare", "hold", *QUICK, *typed)
     assert (code, len(err.splitlines())) == (2, 1)
     assert words in err
+
+
+def test_each_variant_has_a_folder_of_its_own_however_alike_their_names(ballplate, tmp_path):
+    names = ('P "1"', "P '1'", "P 1", "p 1", "compare.json", "compare.png", "..", "-", "/")
+    typed = [each for name in names for each in ("--with", f"{name}=controller.kind=pid")]
+    code, _, _ = ballplate("compare", "hold", *QUICK, *typed, "--out", "out", "--json")
+    assert code == 0
+    runs = list(tmp_path.glob("out/*/run.parquet"))
+    assert len({each.parent.name.casefold() for each in runs}) == len(names)
+    assert not any(each.parent.name.startswith("-") for each in runs)  # no option of a command
+    assert [each.name for each in open_runs([Path("out")])] == list(names)
+    assert (tmp_path / "out/compare.json").is_file()
 
 
 def test_variants_of_nothing_are_one_line(ballplate):

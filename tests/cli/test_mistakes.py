@@ -197,3 +197,20 @@ def test_an_error_in_a_law_of_one_s_own_is_one_line_with_its_place(ballplate, tm
     assert "Traceback" not in errors
     assert "mine.py" in errors
     assert "division by zero" in errors
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        (("--out", "."), "--out .: is a folder; give a file, as in sheet.csv"),
+        (("--out", "/proc/none/sheet.csv"), "--out /proc/none: cannot be written"),
+        (("--list", "--out", "sheet.csv"), "--out: not with --list, which runs no fault"),
+    ],
+)
+def test_a_sheet_that_cannot_be_written_is_refused_before_any_fault(
+    typed, words, ballplate, tmp_path
+):
+    code, out, err = ballplate("safety", "--only", "heartbeat", *typed)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err
+    assert not list(tmp_path.iterdir())

@@ -170,3 +170,21 @@ def test_lines_come_over_a_socket_for_its_owner_alone(obey, tmp_path):
         with pytest.raises(RigError, match="remove it if no emulator serves it"):
             control_socket(path, obey).__enter__()
     assert not path.exists()
+
+
+@NEEDS_SOCKETS
+def test_the_end_of_a_line_that_is_too_long_is_not_obeyed(obey, bus, tmp_path, capsys):
+    path = tmp_path / "control"
+    with control_socket(path, obey):
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(5)
+            client.connect(str(path))
+            client.sendall(b"x" * 200 + b"sto 1\n")
+            with client.makefile() as answers:
+                assert answers.readlines() == ["error: a line has at most 200 bytes\n"]
+        for _ in range(20):  # who asks much and goes
+            with socket.socket(socket.AF_UNIX) as client:
+                client.connect(str(path))
+                client.sendall(b"nonsense\n" * 500)
+    assert bus.drives[0].power.sto_closed
+    assert capsys.readouterr().err == ""

@@ -28,6 +28,15 @@ def test_faults_come_in_the_order_of_their_times():
         ("nan unplug", "with 0 to 5 seconds"),
         ("1 unplg", "no fault 'unplg'; did you mean 'unplug'?"),
         ("1", "no fault ''"),
+        ("1 touch 1", "how: touch X Y, in mm"),
+        ("1 touch nan 0", "'nan': must be a number, -1000 to 1000"),
+        ("1 drop", "how: drop ID|all SECONDS"),
+        ("1 drop 0x080", "how: drop ID|all SECONDS"),
+        ("1 drop 0x080 nan", "'nan': must be a number, 0 to 86400"),
+        ("1 drop 99999 1", "'99999': must be a whole number, 0 to 2047"),
+        ("1 sto 3", "node 3: no such drive; there are 1, 2"),
+        ("1 jam 1", "turns a plate"),
+        ("1 lift 3", "how: lift"),
     ],
 )
 def test_a_fault_that_cannot_be_planned_is_one_line(text, words):

@@ -7,7 +7,17 @@ import pytest
 
 from twin.base.errors import LogError, RecordError, ScenarioError
 from twin.base.shipped import find
-from twin.run.files import free, last, log_file, record_of, run_folder, run_name
+from twin.run.files import (
+    forget,
+    free,
+    last,
+    log_file,
+    read_links,
+    record_of,
+    run_folder,
+    run_folders,
+    run_name,
+)
 
 
 def kept(folder, when):
@@ -105,3 +115,35 @@ def test_a_run_and_a_folder_are_no_scenarios(tmp_path, monkeypatch):
             find(name)
     with pytest.raises(ScenarioError, match="that is a folder"):
         find("runs")
+
+
+@pytest.mark.parametrize("name", ["..", "", ".", "/", "a/..", "\\u0000"])
+def test_a_list_of_folders_that_are_none_removes_nothing(name, tmp_path):
+    run = kept(tmp_path / "run", 1)
+    inner = run / "made"
+    inner.mkdir()
+    (inner / "run.parquet").touch()
+    (inner / "compare.json").write_text(f'{{"folders": ["{name}"], "names": ["a"]}}')
+    forget(inner)
+    assert (run / "run.parquet").is_file()
+    assert (inner / "run.parquet").is_file()
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        '{"position": 1e300, "run": "../a"}',
+        '{"position": -1, "run": "../a"}',
+        '{"position": 99999999999999999999, "run": "../a"}',
+        '{"position": 0, "run": "\\u0000"}',
+        '{"position": [], "run": "../a"}',
+        '{"position": 0}',
+        "3",
+    ],
+)
+def test_a_link_that_is_damaged_links_to_nothing(link, tmp_path):
+    kept(tmp_path / "a", 1)
+    kept(tmp_path / "made/b", 2)
+    (tmp_path / "made/compare.json").write_text(f'{{"folders": [], "linked": [{link}]}}')
+    assert read_links(tmp_path / "made") == []
+    assert run_folders(tmp_path / "made") == [tmp_path / "made/b"]

@@ -92,6 +92,13 @@ def test_the_legend_has_the_runs_that_can_be_told_apart():
     assert words(figure)[LOOK_COUNT].startswith("reference")
 
 
+@pytest.mark.parametrize("name", ["$\\foo$", "\\frac{", "cost $5, $6_2", "_a", "__", "a$", "x_1^{"])
+def test_a_run_s_name_stands_in_the_legend_as_it_was_typed(name):
+    figure = picture({name: motion(), "b": motion(0.05)}, name, PLATE)
+    assert [each.replace("\\$", "$").strip() for each in words(figure)[:2]] == [name, "b"]
+    figure.savefig(BytesIO())  # its text is laid out, a formula would be refused
+
+
 @pytest.mark.parametrize(
     ("error", "ended", "top"), [(1e-9, None, LEAST_ERROR), (0.02, None, 21.0), (0.02, 50, 21.0)]
 )
@@ -238,6 +245,8 @@ def test_a_panel_that_is_none_and_a_width_of_no_page_are_one_line():
     runs = {"one": motion()}
     with pytest.raises(ScenarioError, match=r"panel 'err': unknown; did you mean 'error'\?"):
         pictures.panel(runs, "err", PLATE, 88)
-    for width in (math.nan, 0, 401):
+    with pytest.raises(ScenarioError, match=r"panel '3': unknown"):
+        pictures.panel(runs, 3, PLATE, 88)
+    for width in (math.nan, 0, 401, "88", None):
         with pytest.raises(ScenarioError, match="width_mm: must be 30 to 400"):
             pictures.panel(runs, "error", PLATE, width)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.running import EMULATED_RIG, rig_of
-from twin.base.errors import LogError, RigError
+from twin.base.errors import LogError, RigError, ScenarioError
 from twin.base.jobs import cores
 from twin.base.page import Table
 from twin.base.writing import check_writable, write_whole
@@ -310,6 +310,12 @@ def safety(
     from twin.safety.trial import failure_sheet, run_all
 
     cases = choose_cases(words)
+    if out is not None and only_list:
+        raise ScenarioError("--out: not with --list, which runs no fault")
+    if out is not None and out.is_dir():
+        raise ScenarioError(f"--out {out}: is a folder; give a file, as in sheet.csv")
+    if out is not None:
+        check_writable(out.parent)
     if only_list:
         listed = [
             {"name": each.name, "condition": each.expected.name if each.expected else ""}

@@ -366,6 +366,8 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
     paths = paths or (Path(NEWEST_RUN),)
     for path in paths:
         check_no_scenario(path)
+        if len(paths) > 1 and _is_trace(path) and path.suffix != ".parquet":
+            raise RecordError(f"{path}: no run; a trace of a CAN bus is shown alone")
         if path.suffix == ".csv":
             raise RecordError(f"{path}: a log, not a run; ballplate compare {path} SCENARIO")
     from twin.run.finished import open_runs

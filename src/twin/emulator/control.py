@@ -10,7 +10,7 @@ import os
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from twin.base.errors import RigError, TwinError
@@ -79,6 +79,8 @@ class BusControl:
                 return self._damage(what, _identifier(identifier), numbers)
             case [_, node, *_] if words[0] in {each.split()[0] for each in WORDS}:
                 return self._drive(node, words)
+        if words and words[0] in {each.split()[0] for each in WORDS}:
+            raise ControlError(_usage(words[0]))
         raise UnknownLineError(f"known: {'; '.join(WORDS)}")
 
     def _damage(self, what: str, identifier: int | None, numbers: list[str]) -> str:
@@ -200,6 +202,18 @@ def _real(text: str, low: float = 0.0, high: float = 86400.0) -> float:
     return number
 
 
+def place_of_touch(line: str) -> tuple[float, float]:
+    """The place in m at which a line ``touch X Y``, in mm, touches the screen.
+
+    Raises:
+        ControlError: It has not two numbers of -1000 to 1000.
+    """
+    match line.split():
+        case ["touch", x, y]:
+            return _real(x, -1e3, 1e3) / 1e3, _real(y, -1e3, 1e3) / 1e3
+    raise ControlError("how: touch X Y, in mm")
+
+
 def _identifier(text: str) -> int | None:
     return None if text == "all" else _whole(text, 0, 0x7FF)
 
@@ -223,13 +237,18 @@ def control_socket(path: Path, obey: Callable[[str], str]) -> Iterator[None]:
         """Answers the lines of one connection."""
 
         def handle(self) -> None:
-            """Answer each line until the other end closes."""
-            while line := self.rfile.readline(_LARGEST_LINE_BYTES):
-                try:
-                    answer = f"ok: {obey(line.decode(errors='replace').strip())}"
-                except ControlError as error:
-                    answer = f"error: {error}"
-                self.wfile.write(f"{answer}\n".encode())
+            """Answer each line until the other end closes, or sends a line that is too long."""
+            with suppress(ConnectionError):  # it has closed without waiting for the answer
+                while line := self.rfile.readline(_LARGEST_LINE_BYTES + 1):
+                    if len(line) > _LARGEST_LINE_BYTES:
+                        longest = f"error: a line has at most {_LARGEST_LINE_BYTES} bytes\n"
+                        self.wfile.write(longest.encode())
+                        return  # the end of it is no line of its own
+                    try:
+                        answer = f"ok: {obey(line.decode(errors='replace').strip())}"
+                    except ControlError as error:
+                        answer = f"error: {error}"
+                    self.wfile.write(f"{answer}\n".encode())
 
     mask = os.umask(0o177)  # for its owner alone
     try:

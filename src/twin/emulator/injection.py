@@ -10,15 +10,19 @@ from typing import NamedTuple
 
 from twin.base.errors import ScenarioError, nearest
 from twin.devices.rig import HardwareRig
-from twin.emulator.control import WORDS
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.control import WORDS, BusControl, ControlError, place_of_touch
+from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Condition, Severity
 from twin.hal.rig import Entry
 from twin.hal.supervisor import Note, State
 
 INJECTED = Condition("fault injected", Severity.WARNING, 0.0, "noted", "run without it")
 """How an injected fault stands among the events of a run."""
-RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug", "touch")
-"""First words of a line about the whole virtual rig."""
+RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug")
+"""Lines about the whole virtual rig."""
+RIG_NODES = (1, 2)
+"""Nodes of its drives."""
 LOOK_INTERVAL_S = 0.001
 """Time in s between two looks at the run's clock."""
 
@@ -44,9 +48,9 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
         option: What the argument is called in messages.
 
     Raises:
-        ScenarioError: If a time is none of the run, or a line begins with no known word.
+        ScenarioError: If a time is none of the run, or the virtual rig cannot obey a line.
     """
-    known = sorted({*RIG_WORDS, *(each.split()[0] for each in WORDS)})
+    known = sorted({*RIG_WORDS, "touch", *(each.split()[0] for each in WORDS)})
     found = []
     for text in texts:
         at, _, line = text.strip().partition(" ")
@@ -62,8 +66,28 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
         word = line.strip().partition(" ")[0]
         if word not in known:
             raise ScenarioError(f"{option} '{text:.60}': no fault '{word}'{nearest(word, known)}")
+        try:
+            _rehearse(line.strip())
+        except ControlError as error:
+            raise ScenarioError(f"{option} '{text:.60}': {error}") from None
         found.append(PlannedFault(time, line.strip()))
     return sorted(found, key=lambda each: each.time)
+
+
+def _rehearse(line: str) -> None:
+    """Obey a line with drives that nobody uses.
+
+    Raises:
+        ControlError: The virtual rig cannot obey it.
+    """
+    word = line.split(maxsplit=1)[0]
+    if word == "touch":
+        place_of_touch(line)
+    elif word in RIG_WORDS and word not in {each.split()[0] for each in WORDS} and line != word:
+        raise ControlError(f"how: {word}")
+    elif line not in RIG_WORDS:
+        drives = [EmulatedDrive(node) for node in RIG_NODES]
+        BusControl(EmulatedBus(drives)).obey(line)
 
 
 @contextmanager

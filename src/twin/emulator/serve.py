@@ -33,7 +33,7 @@ from twin.emulator.can_bus import (
     PseudoTerminal,
     check_pseudo_terminals,
 )
-from twin.emulator.control import UnknownLineError
+from twin.emulator.control import UnknownLineError, place_of_touch
 from twin.emulator.drive import EmulatedDrive, Motor
 from twin.emulator.load import ShaftLoad
 from twin.emulator.profile_drive import ProfileDrive
@@ -334,13 +334,16 @@ class VirtualRig(VirtualBus):
             raise UnknownLineError(f"known: {', '.join(known)}, touch X Y, lag; {more}") from None
 
     def _touch(self, word: str) -> tuple[str, Callable[[], None]]:
-        """The effect of ``touch X Y``; none of any other text."""
-        match word.split():
-            case ["touch", x, y]:
-                with suppress(ValueError):
-                    place = float(x) / 1e3, float(y) / 1e3
-                    return f"touched at x {x}, y {y} mm", partial(self._put, False, place)
-        return "", lambda: None
+        """The effect of ``touch X Y``; none of any other text.
+
+        Raises:
+            ControlError: It has not two numbers of -1000 to 1000.
+        """
+        if word.split()[:1] != ["touch"]:
+            return "", lambda: None
+        x, y = place = place_of_touch(word)
+        text = f"touched at x {1e3 * x:g}, y {1e3 * y:g} mm"
+        return text, partial(self._put, False, place)
 
     def _close_sto(self, closed: bool) -> None:
         for drive in self.drives:

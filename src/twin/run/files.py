@@ -37,8 +37,12 @@ RUN_FILES = ("run.parquet", "metrics.json", "picture.png", STREAM_FILE)
 """What a run folder holds."""
 MANIFEST_FILE = "compare.json"
 """File of a comparison that lists the folders of its runs, and their indicators."""
+PICTURE_OF_MANY = "compare.png"
+"""Picture of the runs of a comparison, in their folder."""
 WHATIF_FILE = "whatif.json"
 """File of futures of a run: what ``--json`` prints, and their folders."""
+MAX_LINKED_RUNS = 100_000
+"""Position of a linked run from which the file that names it is damaged."""
 MAX_NAME_LENGTH = 100
 """Characters of a folder's name."""
 
@@ -67,7 +71,24 @@ def slug(text: str) -> str:
     if name == bare and len(name) <= MAX_NAME_LENGTH:
         return name
     mark = hashlib.sha256(text.encode()).hexdigest()[:6]
-    return f"{name[: MAX_NAME_LENGTH - 7]}-{mark}"
+    return "-".join(filter(None, (name[: MAX_NAME_LENGTH - 7], mark)))
+
+
+def folder_names(texts: Iterable[str]) -> list[str]:
+    """A name of a folder for each text, no two equal where upper and lower case are one.
+
+    None is the name of a file that lies next to run folders.
+    """
+    found: list[str] = []
+    taken = {MANIFEST_FILE, PICTURE_OF_MANY}
+    for text in texts:
+        name, number = slug(text), 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{slug(text)}~{number}"
+        taken.add(name.casefold())
+        found.append(name)
+    return found
 
 
 def free(folder: Path) -> Path:
@@ -119,17 +140,24 @@ def read_manifest(folder: Path, manifest: str = MANIFEST_FILE) -> dict[str, str]
     try:
         found = parse_json((folder / manifest).read_bytes())
         inner = [Path(str(name)).name for name in found["folders"]]
+        if any(name in ("", "..") or "\0" in name for name in inner):
+            return {}  # no folder within this one, whoever wrote it
         return dict(zip(inner, map(str, found.get("names", inner)), strict=True))
     except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError):
         return {}
 
 
 def read_links(folder: Path, manifest: str = MANIFEST_FILE) -> list[tuple[int, Path]]:
-    """The finished runs that a comparison has shown and that lie elsewhere: position and folder."""
+    """The finished runs that a comparison has shown and that lie elsewhere: position and folder.
+
+    None if the file is damaged.
+    """
     try:
         found = parse_json((folder / manifest).read_bytes()).get("linked", [])
         links = [(int(each["position"]), folder / str(each["run"])) for each in found]
-    except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError):
+    except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        return []
+    if any(not 0 <= position < MAX_LINKED_RUNS or "\0" in str(run) for position, run in links):
         return []
     return sorted(links)
 

@@ -32,7 +32,7 @@ from twin.base.writing import write_whole
 from twin.hal.interface import SCREEN_SIZE_M
 from twin.run.files import LOST_ENDINGS
 from twin.run.finished import Run
-from twin.run.picture import RC_PARAMETERS, RUN_COLOURS
+from twin.run.picture import RC_PARAMETERS, RUN_COLOURS, literal
 
 DESIGN_WIDTH = 600
 """Width in which all lengths below are given; pictures of other sizes are in proportion."""
@@ -393,7 +393,7 @@ class Film:
 
     def _write(self, x: float, y: float, text: str, size: int, colour: str, **more: Any) -> Text:
         x, y = (x, y) / self._whole
-        return self._figure.text(x, y, text, fontsize=size, color=colour, **more)
+        return self._figure.text(x, y, literal(text), fontsize=size, color=colour, **more)
 
     def frames(self) -> Iterator[Image.Image]:
         """The frames in their order, with one palette of at most 256 colours."""

@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,12 @@ def style(index: int) -> dict[str, Any]:
     return {"color": RUN_COLOURS[index % len(RUN_COLOURS)], "linestyle": LINE_STYLES[again]}
 
 
+def literal(text: str) -> str:
+    """A text that somebody chose, as matplotlib shows it as it is: no formula, and in a legend."""
+    plain = text.replace("$", r"\$")
+    return f" {plain}" if plain.startswith("_") else plain
+
+
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """A figure of a size in inches to draw on within, in the one look of all."""
@@ -179,8 +186,8 @@ def panel(runs: Mapping[str, Motion], name: str, plate: Dimensions, width_mm: fl
         ScenarioError: If there is no such panel, or the width is not 30 to 400 mm.
     """
     if name not in PANEL_PLACES:
-        raise ScenarioError(f"panel '{name:.40}': unknown{nearest(name, PANEL_PLACES)}")
-    if not MIN_WIDTH_MM <= width_mm <= MAX_WIDTH_MM:
+        raise ScenarioError(f"panel '{name!s:.40}': unknown{nearest(str(name), PANEL_PLACES)}")
+    if not isinstance(width_mm, Real) or not MIN_WIDTH_MM <= width_mm <= MAX_WIDTH_MM:
         limits = f"{MIN_WIDTH_MM:g} to {MAX_WIDTH_MM:g}"
         raise ScenarioError(f"width_mm: must be {limits}, got {width_mm!r}")
     *_, wide, high = PANEL_PLACES[name]
@@ -286,7 +293,7 @@ def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: st
     figure.set_size_inches(PICTURE_WIDTH_PT / POINTS_PER_INCH, height / POINTS_PER_INCH)
     if lines:
         top = 1 - 5 / height
-        figure.suptitle("\n".join(lines), fontsize=TITLE_SIZE_PT, fontweight="bold", y=top)
+        figure.suptitle(literal("\n".join(lines)), fontsize=TITLE_SIZE_PT, fontweight="bold", y=top)
     for name, (left, low, wide, high) in PANEL_PLACES.items():
         panel = panels[name]
         panel.set_position(
@@ -343,7 +350,7 @@ def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, 
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
     ball = 1000 * motion.ball
-    panels["plate"].plot(*ball.T, label=label, **look)
+    panels["plate"].plot(*ball.T, label=literal(label), **look)
     panels["plate"].plot(*ball[0], "o", color=colour, ms=5)
     end: dict[str, Any] = {"color": colour, "marker": "X" if lost else "s", "ms": 9 if lost else 5}
     panels["plate"].plot(*ball[-1], **end)

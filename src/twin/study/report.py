@@ -25,7 +25,7 @@ from twin.base import page
 from twin.base.data_file import read_toml
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.base.writing import write_whole
-from twin.run.picture import style, styled_figure
+from twin.run.picture import literal, style, styled_figure
 from twin.run.tables import LABELS
 from twin.study.experiments import label_rows
 from twin.study.paired import PairedDifference, paired_differences, student_half_width
@@ -351,7 +351,7 @@ def _draw_indices(study: Study, found: Sequence[Answer]) -> Figure:
             for index in answer.indices:
                 at = keys.index(index.key) + (k - (len(found) - 1) / 2) * height
                 _bar(panel, index, at, height * 0.9, style(k)["color"])
-            panel.barh(0, 0, color=style(k)["color"], label=answer.variant)
+            panel.barh(0, 0, color=style(k)["color"], label=literal(answer.variant))
         panel.axvline(0, color="0.3", lw=0.8)
         panel.set(
             xlabel=f"{REPORT_WORDS['axis'][study.method]}; hollow: undecided",
@@ -384,7 +384,7 @@ def _draw_curves(study: Study, found: Sequence[Answer]) -> Figure:
         for number, (panel, curve) in enumerate(zip(panels, shown, strict=True)):
             for k, answer in enumerate(found):
                 if answer.curves:
-                    label = answer.variant if number == 0 else None
+                    label = literal(answer.variant) if number == 0 else None
                     _draw_curve(panel, answer.curves[number], label, k)
             panel.set(xlabel=parameter_label(study, curve.key))
             if curve.where:
@@ -421,7 +421,8 @@ def _draw_scatter(study: Study, found: Sequence[Answer]) -> Figure:
         for number, (key, panel) in enumerate(zip(keys, panels.ravel(), strict=False)):
             for k, answer in enumerate(found):
                 failed = ~np.isfinite(answer.values)
-                x, label = answer.inputs[key].astype(float), answer.variant if not number else None
+                x = answer.inputs[key].astype(float)
+                label = None if number else literal(answer.variant)
                 look = {"color": style(k)["color"], "s": 9, "alpha": 0.6, "linewidths": 0}
                 panel.scatter(x[~failed], answer.values[~failed], label=label, **look)
                 if failed.any():

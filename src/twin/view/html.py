@@ -12,7 +12,7 @@ from twin.base.data_file import read_packaged
 from twin.base.page import Block, Code, Picture, Table, Text, Verdict
 from twin.base.page import html as html_of
 from twin.run.finished import Run, columns
-from twin.run.picture import picture, style, styled_figure
+from twin.run.picture import literal, picture, style, styled_figure
 from twin.run.tables import differing, in_json, indicators
 from twin.view.summary import Diagnosis, spectrum, summary, verdict
 
@@ -37,7 +37,7 @@ def details(runs: Sequence[Run]) -> Figure:
             frequency, amplitude = spectrum(run)
             level = np.maximum(1000 * np.sqrt((amplitude**2).mean(axis=1)), 1e-6)
             look = {**style(index), "lw": 1}
-            panels["spectrum"].loglog(frequency[1:], level[1:], label=run.name, **look)
+            panels["spectrum"].loglog(frequency[1:], level[1:], label=literal(run.name), **look)
             until = run.motion.until(run.judged_until)
             distance = np.sort(1000 * np.hypot(*until.error.T))
             share = 100 * np.arange(1, len(distance) + 1) / len(distance)

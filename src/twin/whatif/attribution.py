@@ -22,7 +22,7 @@ from twin.base.writing import write_whole
 from twin.run.assemble import linkage_of
 from twin.run.finished import Run
 from twin.run.metrics import Ending
-from twin.run.picture import RUN_COLOURS, styled_figure
+from twin.run.picture import RUN_COLOURS, literal, styled_figure
 from twin.run.together import run_together, work_in_batches
 from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
 
@@ -336,7 +336,7 @@ def draw(path: Path, explanation: Explanation) -> None:
     parts = explanation.contributions
     with styled_figure(10, 2.2 + 0.36 * max(len(parts), 3)) as figure:
         title = f"{explanation.scenario.title}: what makes the error"
-        figure.suptitle(title, fontsize=12, fontweight="bold", wrap=True)
+        figure.suptitle(literal(title), fontsize=12, fontweight="bold", wrap=True)
         panel = figure.subplots()
         for y, part in enumerate(parts):
             for case, other, at, colour, label in (

@@ -82,6 +82,11 @@ def test_a_healthy_trace_has_no_finding_and_one_line():
     )
 
 
+def test_a_trace_without_any_node_is_not_called_healthy():
+    foreign = [each for each in HEALTHY if each.arbitration_id == 0x80]
+    assert assessed(*foreign).headline.startswith("no CANopen node heard: 0 nodes for ")
+
+
 def test_what_was_checked_has_heartbeats_transfers_and_the_load_of_the_bus():
     phi, theta = AxisConfig(name="phi", node=1), AxisConfig(name="theta", node=2)
     rig = AkdConfig(axes=(phi, theta), bus=BusConfig(bitrate=125_000), period=0.01)

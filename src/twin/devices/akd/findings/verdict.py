@@ -110,7 +110,8 @@ def where(trace: Conversation, finding: Finding) -> str:
 def _headline(trace: Conversation, findings: list[Finding], counts: dict[Severity, int]) -> str:
     """What happened, in one line: the worst finding, and how many others there are."""
     if not findings:
-        return f"nothing wrong: {_describe_checks(trace)}"
+        found = "nothing wrong" if trace.nodes else "no CANopen node heard"
+        return f"{found}: {_describe_checks(trace)}"
     first = findings[0]
     when = f"at {first.time:.3f} s" if trace.timed else f"in frame {first.time:.0f}"
     line = f"{first.severity}: {where(trace, first)} {when}: {first.text}"
