@@ -39,7 +39,6 @@ FOREIGN = {
     "a.bag": (b"#ROSBAG V2.0\n" + bytes(99), "a ROS bag.*rostopic"),
     "a.zip": (archived(a="1"), "a ZIP archive.*unpack"),
     "a.csv.gz": (gzip.compress(b"t,x,u\n" * 99), "a gzip file.*gunzip"),
-    "a.db3": (b"SQLite format 3\0" + bytes(99), "an? SQLite database.*sqlite3"),
     "a.pkl": (pickle.dumps({"t": T.tolist()}), "a Python pickle"),
     "a.html": (b"<!DOCTYPE html><html>", "an XML or HTML file"),
     "b.json": (b"[\n  1, 2, 3]", "a JSON file.*read_json"),

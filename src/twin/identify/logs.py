@@ -577,9 +577,10 @@ def _on_one_clock(
         rows[role][np.searchsorted(every, at)] = columns[role][first]
     for role in {"age", "touched"} & columns.keys():
         rows[role] = _hold(rows[role])
-    rates = sorted({f"{_rate(each):.3g} Hz" for each in clocks.values()})
+    rates = sorted({float(f"{_rate(each):.3g}") for each in clocks.values()})
     if len(rates) > 1:
-        notes.append(f"columns have times of their own, at {', '.join(rates)}")
+        listed = ", ".join(f"{each:g} Hz" for each in rates)
+        notes.append(f"columns have times of their own, at {listed}")
     return rows
 
 

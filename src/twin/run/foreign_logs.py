@@ -5,17 +5,14 @@ The first bytes of a file decide its kind, not the ending of its name.
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from twin.base.errors import LogError, TwinError
 from twin.base.foreign import kind_of, with_article
 from twin.devices.common import one_line
+from twin.run.bags import read_bag, read_mcap
 from twin.run.readers import (
     ForeignTable,
     read_arrow,
@@ -27,8 +24,6 @@ from twin.run.readers import (
     read_tdms,
 )
 
-SIGNALS = "/signals"
-"""Topic of an MCAP file of ours that has every column."""
 _PYTHON = "in Python: "
 _UNPACK = "unpack it first"
 _SAVE = "save the sheet as CSV"
@@ -39,7 +34,6 @@ HOW = {
     "Excel file (.xls)": _SAVE,
     "OpenDocument file (.ods)": _SAVE,
     "ROS bag": "rostopic echo -b {name} -p /TOPIC > log.csv",
-    "SQLite database": "sqlite3 -header -csv {name} 'select t, x, u from TABLE' > log.csv",
     "gzip file": "gunzip {name}",
     "bzip2 file": "bunzip2 {name}",
     "xz file": "unxz {name}",
@@ -104,43 +98,9 @@ def _refusal(path: Path, kind: str) -> LogError:
     )
 
 
-def _mcap_table(path: Path) -> ForeignTable:
-    """What a run of ours was exported as: a message of all columns for each period."""
-    try:
-        from mcap.reader import make_reader  # noqa: PLC0415  of an extra
-        from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
-    except ImportError as error:
-        raise LogError(
-            f"{path.name}: is an MCAP file; reading needs the extra mcap: pip install "
-            "'ballplate[mcap]'"
-        ) from error
-    rows: list[Any] = []
-    units: dict[str, str] = {}
-    metadata: dict[str, Any] = {}
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for record in reader.iter_metadata():
-            units |= record.metadata if record.name == "units" else {}
-        for attached in reader.iter_attachments():
-            if attached.media_type == "application/json":
-                metadata[attached.name.removesuffix(".json")] = json.loads(attached.data)
-        rows += [message for *_, message in reader.iter_decoded_messages(topics=[SIGNALS])]
-    columns = {name: np.array([getattr(row, _field(name)) for row in rows]) for name in units}
-    if not rows:
-        raise LogError(
-            f"{path.name}: an MCAP file of a different program: it has no topic {SIGNALS}; write "
-            "its content as CSV"
-        )
-    return ForeignTable(dict(columns), units, metadata)
-
-
-def _field(name: str) -> str:
-    """What a column is called in a message of ROS."""
-    return "".join(c if c.isalnum() or c == "_" else "_" for c in name).lower()
-
-
 READERS: dict[str, Callable[[Path], ForeignTable]] = {
-    "MCAP file": _mcap_table,
+    "MCAP file": read_mcap,
+    "SQLite database": read_bag,
     "Parquet file": read_parquet,
     "Arrow file": read_arrow,
     "Arrow stream": read_arrow,
@@ -152,5 +112,5 @@ READERS: dict[str, Callable[[Path], ForeignTable]] = {
     "LabVIEW file (.tdms)": read_tdms,
 }
 """Kind of a file to what reads it."""
-READABLE_SUFFIXES = (".parquet", ".npz", ".npy", ".mat", ".mcap", ".xlsx", ".tdms", ".h5")
+READABLE_SUFFIXES = (".parquet", ".npz", ".npy", ".mat", ".mcap", ".db3", ".xlsx", ".tdms", ".h5")
 """Usual endings of these kinds."""
