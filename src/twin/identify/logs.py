@@ -123,6 +123,16 @@ def read(path: Path) -> Log:
     return of_columns(*read_columns(path, LOG_COLUMN_UNITS, NEEDED_COLUMNS), source)
 
 
+def has_known_columns(path: Path) -> bool:
+    """Whether a log has a column of a name that this program knows, besides the time.
+
+    Raises:
+        TwinError: If it cannot be read.
+    """
+    header, *_ = read_cells(path, {name: ColumnWanted(name, "", 1.0) for name in NEEDED_COLUMNS})
+    return bool({split_unit(each)[0] for each in header} & set(NEEDED_COLUMNS[1:]))
+
+
 def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: str) -> Log:
     """A log of columns in SI units.
 
@@ -523,6 +533,37 @@ def read_any(
 def with_unit(name: str, unit: str | None) -> str:
     """A column's name as a header has it."""
     return f"{name} [{unit}]" if unit else name
+
+
+def read_cells(
+    path: Path, wanted: Mapping[str, ColumnWanted], separator: str | None = None
+) -> tuple[list[str], list[Array], dict[int, Array], list[str]]:
+    """Every column of a log as numbers.
+
+    Args:
+        path: A file of any format that is read.
+        wanted: Role to column; names that may be in the header.
+        separator: Between columns of text; None to find it.
+
+    Returns:
+        Headers, empty of a text without them; numbers of each column, NaN where there is none;
+        number of a column to its own times in s; notes.
+
+    Raises:
+        TwinError: If it cannot be read.
+    """
+    try:
+        table = foreign_table(path)
+        raw = path.read_bytes() if table is None else b""
+    except OSError as error:
+        raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+    if table is None:
+        header, cells, notes = _split_columns(path.name, decode_text(raw), wanted, separator)
+        return header, [_parse_numbers(each)[0] for each in cells], {}, notes
+    header = [with_unit(name, table.units.get(name)) for name in table.columns]
+    numbers = [_parse_numbers(each)[0] for each in table.columns.values()]
+    clocks = {k: table.clocks[n] for k, n in enumerate(table.columns) if n in table.clocks}
+    return header, numbers, clocks, list(table.notes)
 
 
 def _on_one_clock(
