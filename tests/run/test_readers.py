@@ -10,11 +10,16 @@ from contextlib import suppress
 import numpy as np
 import pyarrow as pa
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.io import savemat
 
 from twin.base.errors import LogError, TwinError
 from twin.identify.logs import read_any, wanted_columns
+from twin.run.files import WRITERS as EXPORTERS
+from twin.run.files import export
 from twin.run.foreign_logs import foreign_table
+from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns
 
 T = np.arange(0.0, 4.0, 0.02)
 X = 0.05 * np.sin(1.3 * T) + 1e-9 * np.sin(1e4 * T)
@@ -278,3 +283,21 @@ def test_without_its_library_a_file_names_the_extra(tmp_path, monkeypatch, modul
     monkeypatch.setitem(__import__("sys").modules, module, None)
     with pytest.raises(TwinError, match=r"needs the extra logs: pip install 'ballplate\[logs\]'"):
         foreign_table(tmp_path / f"a{ending}")
+
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=False, allow_subnormal=False)
+ROWS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS), min_size=2, max_size=20)
+
+
+@pytest.mark.parametrize("ending", EXPORTERS)
+@given(rows=ROWS)
+@settings(max_examples=15, deadline=None)
+def test_what_is_exported_is_read_back_to_the_last_digit(tmp_path_factory, ending, rows):
+    file = tmp_path_factory.mktemp("exported") / f"log{ending}"
+    columns = {"time": 0.002 * np.arange(len(rows))}
+    columns |= dict(zip(NEEDED_COLUMNS[1:], np.array(rows).T, strict=True))
+    export(file, columns, {name: COLUMN_UNITS[name] for name in columns})
+    found, _ = read_columns(file, COLUMN_UNITS, NEEDED_COLUMNS)
+    assert set(found) == set(columns)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(found[name], values)
