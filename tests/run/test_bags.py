@@ -8,7 +8,7 @@ from mcap_ros2.writer import Writer
 
 from twin.base.errors import LogError
 from twin.identify.logs import read_any, wanted_columns
-from twin.run.files import ROS2_TABLES
+from twin.run.files import ROS2_TABLES, log_file
 from twin.run.foreign_logs import foreign_table
 
 T = np.arange(0.0, 4.0, 0.02)
@@ -124,3 +124,14 @@ def test_a_database_that_is_no_bag_is_one_line(tmp_path):
     base.close()
     with pytest.raises(LogError, match="no bag of ROS 2; sqlite3 -header"):
         foreign_table(tmp_path / "a.db3")
+
+
+def test_the_folder_of_a_bag_stands_for_its_one_file(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:")
+    write_mcap(tmp_path / "a_0.mcap")
+    assert log_file(tmp_path) == tmp_path / "a_0.mcap"
+    write_mcap(tmp_path / "a_1.mcap")
+    with pytest.raises(LogError, match=r"a bag of 2 files; give one of them, as in .*a_0\.mcap"):
+        log_file(tmp_path)
+    (tmp_path / "run.parquet").touch()  # exported next to its run
+    assert log_file(tmp_path) == tmp_path / "run.parquet"
