@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 HEAD = 512
@@ -11,7 +13,7 @@ _KINDS: tuple[tuple[bytes, int, str], ...] = (
     (b"MATLAB 5.0 MAT-file", 0, "MATLAB file"),
     (b"\x89HDF\r\n\x1a\n", 0, "HDF5 file"),
     (b"HDF", 1, "HDF5 file"),
-    (b"\x89HDF\r\n\x1a\n", 512, "MATLAB file"),
+    (b"\x89HDF\r\n\x1a\n", 512, "HDF5 file"),
     (b"\x93NUMPY", 0, "NumPy array"),
     (b"PAR1", 0, "Parquet file"),
     (b"ARROW1", 0, "Arrow file"),
@@ -110,7 +112,12 @@ def kind_of(path: Path) -> str:
         OSError: If it cannot be read.
     """
     with path.open("rb") as file:
-        return file_kind(file.read(HEAD + 16))
+        head = file.read(HEAD + 16)
+    kind = file_kind(head)
+    if kind == "ZIP archive":  # which entry is the first differs between programs
+        with suppress(zipfile.BadZipFile, NotImplementedError), zipfile.ZipFile(path) as archive:
+            return file_kind(head + "".join(archive.namelist()[:1000]).encode())
+    return kind
 
 
 def encoding_of(head: bytes) -> str:

@@ -37,6 +37,7 @@ from twin.identify.parameters import (
 from twin.run.files import RUNS_FOLDER, is_record, log_file, run_folder, run_name
 
 if TYPE_CHECKING:
+    from twin.identify.survey import Survey
     from twin.scenario import Scenario
     from twin.thesis.chapter8 import Results, SimulatedTable, ThesisCell
     from twin.thesis.chapter9 import Row
@@ -132,14 +133,23 @@ def identify(
 ) -> int:
     """Fit friction, dead time, drives and level to a recorded run, or to logs of any rig.
 
-    LOG is a run folder, a run.parquet, or a CSV file with named columns, preferably recorded with
-    the scenario `excite`; with --columns one or more text files of any rig, with commands in place
-    of plate angles. Writes report.html and parameters.toml; exit code 1 if no parameter can be
-    identified.
+    LOG is a run folder, a run.parquet, or a log with named columns, preferably recorded with
+    the scenario `excite`; with --columns one or more logs of any rig, with commands in place
+    of plate angles. Of a log with other columns it shows without --columns what the log holds,
+    guesses roles, and prints the command line that would use it (exit code 1). Writes report.html
+    and parameters.toml; exit code 1 if no parameter can be identified.
     """
     if how["columns"] is None:
         choose_parameters(names)  # a wrong name is reported before anything heavy is imported
     files = [log_file(log) for log in logs]
+    if how["columns"] is None and not is_record(files[0]):
+        from twin.identify.logs import has_known_columns
+        from twin.identify.survey import survey
+
+        if not has_known_columns(files[0]):
+            surveyed = survey(files[0], how["separator"])
+            show(surveyed.as_dict(), _surveyed(surveyed))
+            return 1
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
     from twin.identify.report import TABLE_HEADINGS, rows
@@ -156,6 +166,20 @@ def identify(
     none = all(each.word != IDENTIFIED_VERDICT for each in found.verdicts)
     show(found.as_dict(), shown, folder, "report.html" if none else "report.html, parameters.toml")
     return int(none)
+
+
+def _surveyed(found: Survey) -> Iterator[Shown]:
+    """What a log holds, and the command line that would use it."""
+    rows = [
+        (each.name, each.unit, str(len(each.values)), str(each.missing), each.range)
+        for each in found.columns
+    ]
+    yield Table("", ("column", "unit", "rows", "empty", "range"), rows, words=(0, 1, 4))
+    yield from found.notes
+    guesses = [(each.role, each.column, each.unit, each.why) for each in found.guesses]
+    if guesses:
+        yield Table("", ("role", "column", "unit", "guessed by"), guesses, words=range(4))
+    yield f"This log has no columns of the names that identify knows; try: {found.command}"
 
 
 def _held_out(held: tuple[str, ...]) -> float | list[Path]:

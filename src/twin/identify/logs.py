@@ -123,6 +123,16 @@ def read(path: Path) -> Log:
     return of_columns(*read_columns(path, LOG_COLUMN_UNITS, NEEDED_COLUMNS), source)
 
 
+def has_known_columns(path: Path) -> bool:
+    """Whether a log has a column of a name that this program knows, besides the time.
+
+    Raises:
+        TwinError: If it cannot be read.
+    """
+    header, *_ = read_cells(path, {name: ColumnWanted(name, "", 1.0) for name in NEEDED_COLUMNS})
+    return bool({split_unit(each)[0] for each in header} & set(NEEDED_COLUMNS[1:]))
+
+
 def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: str) -> Log:
     """A log of columns in SI units.
 
@@ -432,7 +442,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )
         found[role] = ColumnWanted(name.strip(), unit, sign)
-    lacking = [] if "time" in found else ["time"]
+    lacking: list[str] = []
     if not any(ball in found for ball, _ in AXIS_COLUMNS.values()):
         lacking.append("measured_x or measured_y")
     for ball, angle in AXIS_COLUMNS.values():
@@ -470,8 +480,8 @@ def read_any(
     """Read a log of any rig.
 
     Args:
-        path: A text file with columns, with or without a header; a Parquet file; an MCAP file of
-            ours.
+        path: A text file with columns, with or without a header, or a file of one of
+            ``foreign_logs.READERS``.
         wanted: Role to column.
         separator: Between columns of text; None to find it.
 
@@ -486,12 +496,14 @@ def read_any(
         raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
     if table is None:
         header, cells, notes = _split_columns(path.name, decode_text(raw), wanted, separator)
+        clocks = {}
     else:
-        units_of = table.units
-        header = [f"{k} [{units_of[k]}]" if k in units_of else k for k in table.columns]
-        cells = list(table.columns.values())
+        header = [with_unit(name, table.units.get(name)) for name in table.columns]
+        cells, clocks = list(table.columns.values()), dict(table.clocks)
+        notes = list(table.notes)
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
+    times: dict[str, Array] = {}
     for role, column in wanted.items():
         index, unit = _find_column(path.name, header, role, column)
         unit = column.unit or unit
@@ -510,9 +522,126 @@ def read_any(
         if broken:
             notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
         columns[role] = column.sign * factor * values
+        if table is not None and (name := list(table.columns)[index]) in clocks:
+            times[role] = clocks[name]
         counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
         units[role] = "count" if counted else ROLE_UNITS[role]
-    return _clean_log(path.name, columns, units, notes)
+    rows = _on_one_clock(path.name, columns, times, notes)
+    return _clean_log(path.name, rows, units, notes, merged=rows is not columns)
+
+
+def with_unit(name: str, unit: str | None) -> str:
+    """A column's name as a header has it."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def read_cells(
+    path: Path, wanted: Mapping[str, ColumnWanted], separator: str | None = None
+) -> tuple[list[str], list[Array], dict[int, Array], list[str]]:
+    """Every column of a log as numbers.
+
+    Args:
+        path: A file of any format that is read.
+        wanted: Role to column; names that may be in the header.
+        separator: Between columns of text; None to find it.
+
+    Returns:
+        Headers, empty of a text without them; numbers of each column, NaN where there is none;
+        number of a column to its own times in s; notes.
+
+    Raises:
+        TwinError: If it cannot be read.
+    """
+    try:
+        table = foreign_table(path)
+        raw = path.read_bytes() if table is None else b""
+    except OSError as error:
+        raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+    if table is None:
+        header, cells, notes = _split_columns(path.name, decode_text(raw), wanted, separator)
+        return header, [_parse_numbers(each)[0] for each in cells], {}, notes
+    header = [with_unit(name, table.units.get(name)) for name in table.columns]
+    numbers = [_parse_numbers(each)[0] for each in table.columns.values()]
+    clocks = {k: table.clocks[n] for k, n in enumerate(table.columns) if n in table.clocks}
+    return header, numbers, clocks, list(table.notes)
+
+
+def _on_one_clock(
+    source: str, columns: dict[str, Array], times: Mapping[str, Array], notes: list[str]
+) -> dict[str, Array]:
+    """The columns as rows of one time, empty where a column has no sample.
+
+    Args:
+        source: What to call the file in messages.
+        columns: Role to values in SI units.
+        times: Role to times in s, of columns that have times of their own.
+        notes: Receives what was done.
+
+    Raises:
+        LogError: If there is no time, or a column has a different number of rows.
+    """
+    if "time" in columns:
+        base = times.get("time")
+
+        def shares_rows(each: Array) -> bool:
+            if base is None:
+                return len(each) == len(columns["time"])
+            return np.array_equal(each, base)
+
+        times = {k: each for k, each in times.items() if k != "time" and not shares_rows(each)}
+    missing = [role for role in columns if role not in times]
+    if missing and "time" not in columns:
+        raise LogError(
+            f"{source}: {missing[0]} has no times of its own; --columns: tell time as well"
+        )
+    for role in missing:
+        if len(columns[role]) != len(columns["time"]):
+            raise LogError(
+                f"{source}: {role}: has {len(columns[role])} rows, time {len(columns['time'])}"
+            )
+    if not times:
+        return columns
+    clocks = {role: times[role] if role in times else columns["time"] for role in columns}
+    if "measured_y" in columns and "measured_x" in columns:
+        x, y = clocks["measured_x"], clocks["measured_y"]
+        if len(x) != len(y) or (x != y).any():
+            columns["measured_y"] = _interpolate(x, y, columns["measured_y"])
+            clocks["measured_y"] = x
+            notes.append("measured_y has times of its own: taken at those of measured_x")
+    every = np.unique(np.concatenate(list(clocks.values())))
+    every = every[np.isfinite(every)]
+    rows = {"time": every}
+    for role in filter(lambda role: role != "time", columns):
+        at, first = np.unique(clocks[role], return_index=True)
+        at, first = at[np.isfinite(at)], first[np.isfinite(at)]
+        rows[role] = np.full(len(every), np.nan)
+        rows[role][np.searchsorted(every, at)] = columns[role][first]
+    for role in {"age", "touched"} & columns.keys():
+        rows[role] = _hold(rows[role])
+    rates = sorted({float(f"{_rate(each):.3g}") for each in clocks.values()})
+    if len(rates) > 1:
+        listed = ", ".join(f"{each:g} Hz" for each in rates)
+        notes.append(f"columns have times of their own, at {listed}")
+    return rows
+
+
+def _interpolate(at: Array, time: Array, values: Array) -> Array:
+    """Values at some times by straight lines; NaN outside."""
+    known = np.isfinite(time) & np.isfinite(values)
+    order = np.argsort(time[known], kind="stable")
+    return np.interp(at, time[known][order], values[known][order], left=np.nan, right=np.nan)
+
+
+def _hold(values: Array) -> Array:
+    """Values with the newest one where there is none."""
+    newest = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
+    return values[newest]
+
+
+def _rate(time: Array) -> float:
+    """Rows per second; 0 of a clock that stands."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    return 1 / step if step > 0 else 0.0
 
 
 def _split_columns(
@@ -665,9 +794,25 @@ def _parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
 
 
 def _clean_log(
-    source: str, columns: dict[str, Array], units: dict[str, str], notes: list[str]
+    source: str,
+    columns: dict[str, Array],
+    units: dict[str, str],
+    notes: list[str],
+    *,
+    merged: bool = False,
 ) -> AnyLog:
-    """A log of columns in SI units, without what is false in it."""
+    """A log of columns in SI units, without what is false in it.
+
+    Args:
+        source: What to call the file in messages.
+        columns: Role to values, shape (K,) each.
+        units: Role to unit.
+        notes: What was left out or assumed before.
+        merged: Whether columns with times of their own became rows of one time.
+
+    Raises:
+        LogError: If too little is left.
+    """
     time = columns["time"]
     there = np.isfinite(time)
     time = time[there] - time[there][:1]
@@ -681,7 +826,11 @@ def _clean_log(
         notes.append(f"{int((~kept).sum())} rows of a time that does not rise left out")
     columns = {role: values[there][kept] for role, values in columns.items()}
     time = time[kept]
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
+    ball = np.stack(balls, axis=-1)
+    # of columns with times of their own two may be as close as it happens
+    sampled_at = time[np.isfinite(ball).all(axis=-1)] if merged else time
+    step = float(np.median(np.diff(sampled_at))) if len(sampled_at) > 1 else 0.0
     if len(time) < 50 or not 2e-5 < step < MAX_COMMAND_GAP_S:
         hint = "; milliseconds? tell time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
         raise LogError(
@@ -690,8 +839,6 @@ def _clean_log(
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
-    balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
-    ball = np.stack(balls, axis=-1)
     far = float(np.nanpercentile(np.abs(ball - np.nanmedian(ball, axis=0)), 99))
     if not 1e-3 < far < 3.0:
         raise LogError(

@@ -278,14 +278,23 @@ def _is_foreign_log(path: Path, *, of_any_rig: bool) -> bool:
     return path.suffix not in IGNORED_SUFFIXES and path.is_file() and bool(kind_of(path))
 
 
+BAG_SUFFIXES = {".mcap", ".db3"}
+"""Endings of the files with the messages of a bag of ROS 2, in its folder."""
+
+
 def log_file(path: Path) -> Path:
-    """The file of a recorded run or log.
+    """The file of a recorded run or log; of the folder of a bag of ROS 2 that of its messages.
 
     Raises:
-        TwinError: If there is none.
+        TwinError: If there is none, or the bag has several.
     """
     check_no_scenario(path)
-    file = record_of(path)
+    bags = []
+    if path.is_dir() and not run_folders(path):
+        bags = sorted(each for each in path.iterdir() if each.suffix in BAG_SUFFIXES)
+    if len(bags) > 1:
+        raise LogError(f"{path}: a bag of {len(bags)} files; give one of them, as in {bags[0]}")
+    file = bags[0] if bags else record_of(path)
     if not file.is_file():
         raise LogError(f"log {file}: not found; give a run.parquet, its folder, or a CSV file")
     return file

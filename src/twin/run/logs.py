@@ -22,8 +22,9 @@ from twin.hal.interface import SCREEN_SIZE_M
 from twin.hal.supervisor import State
 from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
-from twin.run.foreign_logs import ForeignTable, foreign_table, refuse_foreign
+from twin.run.foreign_logs import foreign_table, refuse_foreign
 from twin.run.metrics import Ending, Motion, Outcome
+from twin.run.readers import ForeignTable
 from twin.run.record import CHANNELS, is_number, read_table
 from twin.scenario.schema import Scenario
 
@@ -128,14 +129,20 @@ def read_columns(
 def _chosen(
     source: str, table: ForeignTable, units: Mapping[str, str], needed: Sequence[str]
 ) -> dict[str, Array]:
-    """The columns of a file that is no text, in SI units."""
-    _require(list(table.columns), needed, source)
+    """The columns of a file that is no text, in SI units; a header may hold the unit."""
+    found = {split_unit(header)[0]: header for header in table.columns}
+    _require(list(found), needed, source)
     columns: dict[str, Array] = {}
-    for name in filter(table.columns.__contains__, units):
-        values = table.columns[name]
+    for name in filter(found.__contains__, units):
+        header = found[name]
+        values = table.columns[header]
         if isinstance(values, list):
             raise LogError(f"{source}: {name}: is not one column of numbers")
-        columns[name] = values * scale(name, table.units.get(name), units[name], source)
+        unit = table.units.get(header) or split_unit(header)[1]
+        columns[name] = values * scale(name, unit, units[name], source)
+    if len({len(values) for values in columns.values()}) > 1:
+        lengths = ", ".join(f"{name} {len(values)}" for name, values in columns.items())
+        raise LogError(f"{source}: columns have different numbers of rows: {lengths}")
     return columns
 
 

@@ -398,13 +398,13 @@ def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table
     with pq.ParquetFile(file) as parquet:
         schema, rows = parquet.schema_arrow, parquet.metadata.num_rows
         names = wanted(schema)
-        _check_size(rows, len(schema), len(names), file.stat().st_size)
+        check_size(rows, len(schema), len(names), file.stat().st_size)
         seal = (parquet.metadata.metadata or {}).get(CHECKSUM)
         if seal is None:
             return parquet.read(columns=names)
         if not all(is_number(each.type) for each in schema):
             raise DamagedError("damaged: a column holds no numbers")
-        _check_size(rows, len(schema), len(schema), file.stat().st_size)
+        check_size(rows, len(schema), len(schema), file.stat().st_size)
         table = parquet.read()
     if any(column.null_count for column in table.columns):
         raise DamagedError("damaged: values are missing")
@@ -414,7 +414,7 @@ def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table
     return table.select(names)
 
 
-def _check_size(rows: int, columns: int, wanted: int, size: int) -> None:
+def check_size(rows: int, columns: int, wanted: int, size: int) -> None:
     """Make sure that a table is none that only fills the memory.
 
     Raises:
@@ -459,7 +459,7 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
                 batches.append(batch)
                 rows += len(batch)
                 end = source.tell()
-        _check_size(rows, len(schema), len(names), file.stat().st_size)
+        check_size(rows, len(schema), len(names), file.stat().st_size)
         source.seek(end)
         left = source.read().removesuffix(ENDED)
     if sealed and (left.count(CHECKSUM) > 1 or (left and _is_ended(file))):

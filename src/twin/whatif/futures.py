@@ -22,6 +22,7 @@ from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import DelayedObserver, Law, Measurement
 from twin.base.errors import RecordError, ScenarioError
+from twin.base.foreign import kind_of
 from twin.base.jobs import SecondProcess
 from twin.base.writing import write_json, write_whole
 from twin.identify.logs import Log, read, read_any, wanted_columns
@@ -621,6 +622,13 @@ def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str,
     return [(*settings, *own) for own in each or [()]]
 
 
+def _is_log(path: Path) -> bool:
+    """Whether a file is a log of columns; a Parquet file without columns is taken for a run."""
+    if path.suffix in {".csv", ".parquet", ".arrows"} or not path.is_file():
+        return path.suffix == ".csv"
+    return bool(kind_of(path))
+
+
 def moment_of(
     path: Path,
     at: float,
@@ -642,7 +650,7 @@ def moment_of(
     Raises:
         TwinError: If there is no such run or moment, or the twin cannot continue from it.
     """
-    if path.suffix == ".csv" or (columns is not None and not is_record(path)):
+    if _is_log(path) or (columns is not None and not is_record(path)):
         if scenario is None:
             raise RecordError(f"{path}: a log does not state what ran; give --scenario NAME")
         chosen = load(scenario, settings)

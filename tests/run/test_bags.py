@@ -1,0 +1,137 @@
+"""`twin.run.bags`: Messages of ROS 2 are columns at the times that their senders gave them."""
+
+import sqlite3
+
+import numpy as np
+import pytest
+from mcap_ros2.writer import Writer
+
+from twin.base.errors import LogError
+from twin.identify.logs import read_any, wanted_columns
+from twin.run.files import ROS2_TABLES, log_file
+from twin.run.foreign_logs import foreign_table
+
+T = np.arange(0.0, 4.0, 0.02)
+X = 0.05 * np.sin(1.3 * T)
+U = 0.02 * np.cos(np.arange(0.0, 4.0, 0.01))
+BEGIN = 1_700_000_000_123_456_789
+PARTS = "".join(f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2_TABLES["parts"].items())
+POSE = ROS2_TABLES["messages"]["geometry_msgs/msg/PoseStamped"] + PARTS
+SERVO = "float64[] data\nstring label\n"
+ASKED = wanted_columns("measured_x=/ball/pose.position.x,command_phi=/servo/data.1")
+
+
+def pose(x, stamp):
+    sec, nanosec = divmod(stamp, 10**9)
+    upright = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    return {
+        "header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "plate"},
+        "pose": {"position": {"x": x, "y": 0.0, "z": 0.0}, "orientation": upright},
+    }
+
+
+def messages(late=30_000_000):
+    """Topic, content and log time of a camera at 50 Hz and a servo at 100 Hz."""
+    found = [("/servo", {"data": [7.0, float(u)], "label": "a"}, BEGIN + round(1e7 * k))
+             for k, u in enumerate(U)]  # fmt: skip
+    for k, x in enumerate(X):
+        logged = BEGIN + round(2e7 * k) + 3_000_000
+        found.append(("/ball", pose(float(x), logged - late), logged))
+    return sorted(found, key=lambda each: each[2])
+
+
+def write_mcap(path, **how):
+    with path.open("wb") as file, Writer(file) as writer:
+        schemas = {
+            "/ball": writer.register_msgdef("geometry_msgs/msg/PoseStamped", POSE),
+            "/servo": writer.register_msgdef("own_msgs/msg/Servo", SERVO),
+        }
+        for topic, content, logged in messages(**how):
+            writer.write_message(topic, schemas[topic], content, logged)
+
+
+def write_db3(path, **how):
+    """What a recorder of ROS 2 since Iron writes, with the bytes of the MCAP file's messages."""
+    from mcap.reader import make_reader
+
+    write_mcap(path.with_suffix(".mcap"), **how)
+    with sqlite3.connect(path) as base, path.with_suffix(".mcap").open("rb") as file:
+        base.execute("create table topics(id, name, type, serialization_format)")
+        base.execute("create table messages(id, topic_id, timestamp, data)")
+        base.execute(
+            "create table message_definitions"
+            "(id, topic_type, encoding, encoded_message_definition, type_description_hash)"
+        )
+        for number, (name, kind, text) in enumerate(
+            [
+                ("/ball", "geometry_msgs/msg/PoseStamped", POSE),
+                ("/servo", "own_msgs/msg/Servo", SERVO),
+            ]
+        ):
+            base.execute("insert into topics values (?, ?, ?, 'cdr')", (number, name, kind))
+            row = (number, kind, "ros2msg", text, "")
+            base.execute("insert into message_definitions values (?, ?, ?, ?, ?)", row)
+        for k, (_, channel, each) in enumerate(make_reader(file).iter_messages()):
+            row = (k, int(channel.topic == "/servo"), each.log_time, each.data)
+            base.execute("insert into messages values (?, ?, ?, ?)", row)
+    base.close()
+
+
+WRITERS = {".mcap": write_mcap, ".db3": write_db3}
+
+
+@pytest.mark.parametrize("ending", WRITERS)
+def test_every_numeric_field_is_a_column_to_the_last_digit(tmp_path, ending):
+    WRITERS[ending](tmp_path / f"a{ending}")
+    table = foreign_table(tmp_path / f"a{ending}")
+    assert {"/ball/pose.position.x", "/ball/pose.orientation.w", "/servo/data.1"} < {*table.columns}
+    assert not any("label" in name or "header" in name for name in table.columns)
+    np.testing.assert_array_equal(table.columns["/ball/pose.position.x"], X)
+    np.testing.assert_array_equal(table.columns["/servo/data.1"], U)
+
+
+@pytest.mark.parametrize("ending", WRITERS)
+def test_a_log_has_the_stamps_of_the_camera_and_the_times_of_the_servo(tmp_path, ending):
+    WRITERS[ending](tmp_path / f"a{ending}")
+    log = read_any(tmp_path / f"a{ending}", ASKED)
+    axis = log.axes["x"]
+    assert axis.ball == pytest.approx(X)
+    assert axis.tilt == pytest.approx(U)
+    assert np.diff(axis.sampled) == pytest.approx(0.02, abs=1e-6)
+    assert np.diff(axis.time) == pytest.approx(0.01, abs=1e-6)
+    notes = " ".join(log.notes)
+    assert "times are the stamps in the headers of /ball" in notes
+    assert "columns have times of their own, at 50 Hz, 100 Hz" in notes
+
+
+def test_a_message_that_is_no_cdr_is_left_out_with_its_reason(tmp_path):
+    from mcap.writer import Writer as Plain
+
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Plain(file)
+        writer.start()
+        schema = writer.register_schema("Ball", "jsonschema", b"{}")
+        channel = writer.register_channel("/ball", "json", schema)
+        writer.add_message(channel, 1, b'{"x": 1}', 1)
+        writer.finish()
+    with pytest.raises(LogError, match="without a column of numbers"):
+        foreign_table(tmp_path / "a.mcap")
+
+
+def test_a_database_that_is_no_bag_is_one_line(tmp_path):
+    with sqlite3.connect(tmp_path / "a.db3") as base:
+        base.execute("create table log(t, x, u)")
+    base.close()
+    with pytest.raises(LogError, match="no bag of ROS 2; sqlite3 -header"):
+        foreign_table(tmp_path / "a.db3")
+
+
+def test_the_folder_of_a_bag_stands_for_its_one_file(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:")
+    write_mcap(tmp_path / "a_0.mcap")
+    assert log_file(tmp_path) == tmp_path / "a_0.mcap"
+    write_mcap(tmp_path / "a_1.mcap")
+    with pytest.raises(LogError, match=r"a bag of 2 files; give one of them, as in .*a_0\.mcap"):
+        log_file(tmp_path)
+    (tmp_path / "run.parquet").touch()  # exported next to its run
+    assert log_file(tmp_path) == tmp_path / "run.parquet"

@@ -1,0 +1,303 @@
+"""`twin.run.readers`.
+
+Files that other programs write are read to the last digit; broken ones are one line."""
+
+import pickle
+import re
+import zipfile
+from contextlib import suppress
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from twin.base.errors import LogError, TwinError
+from twin.identify.logs import read_any, wanted_columns
+from twin.run.files import WRITERS as EXPORTERS
+from twin.run.files import export
+from twin.run.foreign_logs import foreign_table
+from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns
+
+T = np.arange(0.0, 4.0, 0.02)
+X = 0.05 * np.sin(1.3 * T) + 1e-9 * np.sin(1e4 * T)
+U = 0.02 * np.cos(T)
+DATA = {"t": T, "x": X, "u": U}
+
+
+def write_npz(path):
+    np.savez_compressed(path, **DATA)
+
+
+def write_structured(path):
+    rows = np.rec.fromarrays([*DATA.values()], names=[*DATA])
+    np.save(path, rows)
+
+
+def write_mat(path):
+    savemat(path, DATA, oned_as="row")
+
+
+def write_compressed_mat(path):
+    savemat(path, DATA, do_compression=True)
+
+
+def write_mat_of_7_3(path):
+    """As MATLAB does it: 512 bytes of its own, then HDF5 with transposed arrays."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in DATA.items():
+            data = file.create_dataset(name, data=values[None, :], compression="gzip")
+            data.attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
+
+
+def write_hdf5(path):
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in DATA.items():
+            file[name] = values
+
+
+def write_excel(path):
+    from openpyxl import Workbook
+
+    book = Workbook()
+    book.active.append(["Measured on Monday"])
+    book.active.append([*DATA])
+    for row in zip(*DATA.values(), strict=True):
+        book.active.append([float(each) for each in row])
+    book.save(path)
+
+
+def write_tdms(path):
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("", name, values) for name, values in DATA.items()])
+
+
+def write_feather(path):
+    table = pa.table(DATA)
+    with pa.ipc.new_file(path, table.schema) as writer:
+        writer.write_table(table)
+
+
+WRITERS = {
+    ".npz": write_npz,
+    ".npy": write_structured,
+    ".mat": write_mat,
+    ".v7.mat": write_compressed_mat,
+    ".v73.mat": write_mat_of_7_3,
+    ".h5": write_hdf5,
+    ".xlsx": write_excel,
+    ".tdms": write_tdms,
+    ".feather": write_feather,
+}
+
+
+@pytest.fixture(params=WRITERS)
+def written(request, tmp_path):
+    file = tmp_path / f"log{request.param}"
+    WRITERS[request.param](file)
+    return file
+
+
+def test_every_format_is_read_to_the_last_digit_whatever_it_is_called(written):
+    renamed = written.rename(written.with_name("a.csv"))
+    columns = foreign_table(renamed).columns
+    found = {name.removeprefix("/"): values for name, values in columns.items()}
+    assert set(found) == set(DATA)
+    digits = 1e-15 if written.suffix == ".xlsx" else 0.0  # openpyxl writes 16 of 17
+    for name, values in DATA.items():
+        np.testing.assert_allclose(found[name], values, rtol=digits, atol=0)
+
+
+def test_a_log_of_any_format_is_one_of_a_rig(written):
+    names = {name.removeprefix("/"): name for name in foreign_table(written).columns}
+    asked = f"time={names['t']},measured_x={names['x']},command_phi={names['u']}"
+    axis = read_any(written, wanted_columns(asked)).axes["x"]
+    assert axis.time == pytest.approx(T, abs=1e-12)
+    assert axis.ball == pytest.approx(X, abs=1e-12)
+    assert axis.tilt == pytest.approx(U, abs=1e-12)
+
+
+@pytest.mark.parametrize("kept", [30, 200, 700, -40])
+def test_a_file_that_is_cut_or_spoilt_is_one_line(written, kept):
+    content = written.read_bytes()
+    for broken in (content[:kept], content[:kept] + b"\xff" * 64 + content[kept + 64 :]):
+        written.write_bytes(broken)
+        with suppress(TwinError):  # or what was spoilt is no part of a column, or is one number
+            foreign_table(written)
+            continue
+        with pytest.raises(TwinError, match=rf"^{re.escape(written.name)}: [^\n]+$"):
+            foreign_table(written)
+
+
+class Runs:
+    """Whoever unpickles it is found out."""
+
+    def __reduce__(self):
+        return (exec, ("raise SystemExit('unpickled')",))
+
+
+def test_objects_of_numpy_are_not_unpickled(tmp_path):
+    array = np.array([Runs(), Runs()], dtype=object)
+    np.save(tmp_path / "a.npy", array)
+    np.savez(tmp_path / "b.npz", evil=array, x=X)
+    np.savez(tmp_path / "c.npz", evil=array)
+    (tmp_path / "d.npy").write_bytes(pickle.dumps(Runs()))
+    for name in ("a.npy", "c.npz", "d.npy"):
+        with pytest.raises(LogError, match=r"Python objects|pickle|not known here"):
+            foreign_table(tmp_path / name)
+    table = foreign_table(tmp_path / "b.npz")
+    assert list(table.columns) == ["x"]
+    assert "evil: left out: holds Python objects" in table.notes[0]
+
+
+def bomb_npz(path):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open(
+        "x.npy", "w", force_zip64=True
+    ) as file:  # fmt: skip
+        np.lib.format.write_array_header_1_0(
+            file, {"descr": "<f8", "fortran_order": False, "shape": (10_000_000,)}
+        )
+        for _ in range(80):
+            file.write(bytes(1_000_000))
+
+
+def bomb_npy(path):
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(
+            file, {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+        )
+
+
+def bomb_mat(path):
+    savemat(path, {"x": np.zeros(10_000_000)}, do_compression=True)
+
+
+def bomb_hdf5(path):
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.create_dataset("x", shape=(10**12,), dtype="f8", chunks=(1 << 16,), compression="gzip")
+
+
+BOMBS = {".npz": bomb_npz, ".npy": bomb_npy, ".mat": bomb_mat, ".h5": bomb_hdf5}
+
+
+@pytest.mark.parametrize("ending", BOMBS)
+def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path, ending, monkeypatch):
+    file = tmp_path / f"bomb{ending}"
+    BOMBS[ending](file)
+    assert file.stat().st_size < 500_000
+    monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("numpy.lib.format.read_array", lambda *_, **__: 1 / 0)
+    with pytest.raises(LogError, match=r"cannot be read: (would take \d+ MB|is cut)"):
+        foreign_table(file)
+
+
+def test_links_of_an_hdf5_file_lead_nowhere(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "secret.h5", "w") as file:
+        file["secret"] = X
+    X.tofile(tmp_path / "secret.raw")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["own"] = X
+        file["out"] = h5py.ExternalLink("secret.h5", "secret")
+        raw = [(str(tmp_path / "secret.raw"), 0, X.nbytes)]
+        file.create_dataset("raw", shape=X.shape, dtype="f8", external=raw)
+        layout = h5py.VirtualLayout(shape=X.shape, dtype="f8")
+        layout[:] = h5py.VirtualSource(tmp_path / "secret.h5", "secret", shape=X.shape)
+        file.create_virtual_dataset("virtual", layout)
+    assert list(foreign_table(tmp_path / "a.h5").columns) == ["own"]
+
+
+def test_simulink_s_structure_with_time_is_read_by_label(tmp_path):
+    signals = np.array(
+        [(X[:, None], "ball"), (np.stack((U, 2 * U), axis=1), "servo")],
+        dtype=[("values", object), ("label", object)],
+    )
+    slow = {"time": T[::4], "signals": {"values": X[::4], "label": ""}}
+    savemat(tmp_path / "a.mat", {"out": {"time": T, "signals": signals}, "camera": slow})
+    table = foreign_table(tmp_path / "a.mat")
+    assert {*table.columns} == {
+        "out.time", "out.ball", "out.servo.1", "out.servo.2", "camera.time", "camera.signals.1",
+    }  # fmt: skip
+    np.testing.assert_array_equal(table.columns["out.servo.2"], 2 * U)
+    wanted = wanted_columns("measured_x=camera.signals.1,command_phi=-out.servo.2")
+    log = read_any(tmp_path / "a.mat", wanted)
+    assert log.axes["x"].ball == pytest.approx(X[::4])
+    assert log.axes["x"].sampled == pytest.approx(T[::4])
+    assert log.axes["x"].tilt == pytest.approx(-2 * U)
+    assert "columns have times of their own, at 12.5 Hz, 50 Hz" in log.notes
+
+
+def test_a_column_of_a_different_length_is_named(tmp_path):
+    np.savez(tmp_path / "a.npz", t=T, x=X[:-3], u=U)
+    with pytest.raises(LogError, match="measured_x: has 197 rows, time 200"):
+        read_any(tmp_path / "a.npz", wanted_columns("time=t,measured_x=x,command_phi=u"))
+
+
+def opaque_element(name):
+    """A variable of a class of MATLAB, as a MATLAB 5 file has it."""
+
+    def element(kind, data):
+        return np.array([kind, len(data)], "<u4").tobytes() + data + bytes(-len(data) % 8)
+
+    inner = element(6, np.array([13, 0], "<u4").tobytes()) + element(
+        5, bytes([2, 0, 0, 0, 1, 0, 0, 0])
+    )
+    inner += element(1, b"") + element(6, np.array([1, 2], "<u4").tobytes())
+    parts = element(6, np.array([17, 0], "<u4").tobytes())
+    parts += b"".join(element(1, text) for text in (name, b"MCOS", b"timeseries"))
+    return element(14, parts + element(14, inner))
+
+
+def test_an_object_of_matlab_is_one_line_that_makes_a_readable_file(tmp_path):
+    savemat(tmp_path / "a.mat", {"x": X})
+    both = (tmp_path / "a.mat").read_bytes() + opaque_element(b"ts")
+    (tmp_path / "a.mat").write_bytes(both)
+    (tmp_path / "b.mat").write_bytes(both[:128] + opaque_element(b"ts"))
+    with pytest.raises(LogError, match=r"MATLAB object.*x = .*\.Data; save\('log.mat'") as caught:
+        foreign_table(tmp_path / "b.mat")
+    assert "\n" not in str(caught.value)
+    table = foreign_table(tmp_path / "a.mat")
+    assert list(table.columns) == ["x"]
+    assert "is a MATLAB object" in table.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("module", "ending"),
+    [("h5py", ".h5"), ("openpyxl", ".xlsx"), ("nptdms", ".tdms")],
+)
+def test_without_its_library_a_file_names_the_extra(tmp_path, monkeypatch, module, ending):
+    WRITERS[ending](tmp_path / f"a{ending}")
+    monkeypatch.setitem(__import__("sys").modules, module, None)
+    with pytest.raises(TwinError, match=r"needs the extra logs: pip install 'ballplate\[logs\]'"):
+        foreign_table(tmp_path / f"a{ending}")
+
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=False, allow_subnormal=False)
+ROWS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS), min_size=2, max_size=20)
+
+
+@pytest.mark.parametrize("ending", EXPORTERS)
+@given(rows=ROWS)
+@settings(max_examples=15, deadline=None)
+def test_what_is_exported_is_read_back_to_the_last_digit(tmp_path_factory, ending, rows):
+    file = tmp_path_factory.mktemp("exported") / f"log{ending}"
+    columns = {"time": 0.002 * np.arange(len(rows))}
+    columns |= dict(zip(NEEDED_COLUMNS[1:], np.array(rows).T, strict=True))
+    export(file, columns, {name: COLUMN_UNITS[name] for name in columns})
+    found, _ = read_columns(file, COLUMN_UNITS, NEEDED_COLUMNS)
+    assert set(found) == set(columns)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(found[name], values)
