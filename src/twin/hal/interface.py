@@ -173,10 +173,10 @@ class Clamp:
             rate: Rates commanded last, rad/s, shape (N, 2).
             angle: Plate angles, rad, shape (N, 2).
         """
-        return elementwise(self._allowed, requested, rate, angle)
+        return elementwise(self.allowed, requested, rate, angle)
 
-    def _allowed(self, by: Arithmetic, requested: Any, rate: Any, angle: Any) -> Any:
-        """The same for each plate axis."""
+    def allowed(self, by: Arithmetic, requested: Any, rate: Any, angle: Any) -> Any:
+        """The rate that may be commanded about one plate axis, rad/s, by any arithmetic."""
         back = requested < 0
         towards = by.where(back, -angle, angle)
         # A rate v braked by one step per period covers at most (v + step / 2)^2 / (2 a), so this

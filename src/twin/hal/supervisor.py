@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, column, constant, every, finite, put, some
+from controllers.arrays import Array, Mask, Number, column, constant, every, finite, put, some
 from twin.hal.interface import NOMINAL_PERIOD, Clamp, Condition, Fault, Limits, Severity
 
 
@@ -130,6 +130,20 @@ class Note(NamedTuple):
     rig: int
     condition: Condition
     text: str
+
+
+def correct_angle(angle: Array, drift: Array, share: Number) -> Array:
+    """The commanded plate angle, corrected by a share of its drift from the measured one.
+
+    Args:
+        angle: Integral of the commanded rates, rad, shape (N, 2).
+        drift: Measured angle less this one, rad, shape (N, 2).
+        share: Control period over the time constant of the correction.
+
+    Returns:
+        Angle in rad, shape (N, 2).
+    """
+    return angle + share * drift
 
 
 class Supervisor:
@@ -270,7 +284,7 @@ class Supervisor:
         drift = y[:, 1::2] - self.angle
         if not finite(drift):
             drift = np.where(np.isfinite(drift), drift, 0.0)
-        self.angle = self.angle + self._period / self.drift_time * drift
+        self.angle = correct_angle(self.angle, drift, self._period / self.drift_time)
         within = np.abs(y) <= self._bounds
         if not every(within):
             beyond = ~within
