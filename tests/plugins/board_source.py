@@ -11,9 +11,10 @@ COMPILER = shutil.which("gcc")
 WARNINGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
 
 
-def scenario(**changes):
-    """A circle on the exact equations, with noise, with changes by keys with ``__`` for dots."""
-    keys = {"plant.kind": "lagrange", "reference.kind": "circle", "reference.amplitude": 0.1}
+def scenario(reference="circle", **changes):
+    """Hold, or follow a reference, on the exact equations with noise; keys with ``__`` for dots."""
+    keys = {"plant.kind": "lagrange", "reference.kind": reference}
+    keys |= {"reference.amplitude": 0.1} if reference == "circle" else {}
     keys |= {key.replace("__", "."): value for key, value in changes.items()}
     return scenario_of("hold", changes_of(keys, {}))
 
@@ -29,10 +30,14 @@ def compiled(folder, *flags):
     return program
 
 
-def replayed(program):
-    """Whether the replay of the reference run passes, and the largest difference in rad/s."""
+def replayed(program, what="periods, "):
+    """Whether the replay of the reference run passes, and the largest difference of the commands.
+
+    In rad/s; with ``"reference: "`` that of the reference.
+    """
     done = subprocess.run(
         [program], cwd=program.parent, capture_output=True, text=True, check=False
     )
     assert done.returncode in {0, 1}, done.stderr or done.returncode
-    return not done.returncode, float(done.stdout.split("largest difference ")[1].split()[0])
+    after = done.stdout.split(f"{what}largest difference ")[1]
+    return not done.returncode, float(after.split()[0])

@@ -19,7 +19,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +31,32 @@ import pandas as pd
 from controllers.arrays import Array
 from controllers.controller import HeldLaw, Smith
 from controllers.interfaces import Law
+from controllers.references import closed_form
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.writing import write_whole
 from twin.board.c_code import REALS, number
+from twin.board.footprint import measure_footprint
 from twin.board.trace import check_exportable, trace
-from twin.run.assemble import assemble, build_controller, build_limits, own_errors
+from twin.hal.supervisor import BALL_LOST_AFTER_S
+from twin.run.assemble import (
+    assemble,
+    build_controller,
+    build_limits,
+    build_reference,
+    own_errors,
+)
 from twin.scenario.schema import Scenario
 
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,40}")
 """Names of the C file without its ending, which begin the names in C."""
-MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-2}
+MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-4}
 """Largest difference of a commanded rate from that of the Python code, by the type of numbers."""
+NUMBER_BYTES = {"double": 8, "float": 4}
+"""Size of a number by its type."""
+MAX_REFERENCE_DIFFERENCE = {"double": 1e-9, "float": 1e-3}
+"""Largest difference of the reference and its derivatives, as a share of their largest sizes, or in
+m to m/s^4 where these are below 1."""
 
 
 def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
@@ -104,16 +120,41 @@ def sources(name: str, scenario: Scenario, real: str) -> dict[str, str]:
         "observer": inner.name,
         "period": period,
         "real": real,
+        "ending": REALS[real],
         "delay": 0.0 if smith is None else smith.delay,
         "ring": 0 if smith is None else smith.length,
         "longest_wait": Smith.longest_wait,
         "limit": f"{MAX_DIFFERENCE_RAD_S[real]:g}",
-        "reference": None,
+        "reference_limit": f"{MAX_REFERENCE_DIFFERENCE[real]:g}",
+        **reference_parts(scenario),
     }
-    return {
+    found = {
         f"{name}.c": _render("controller.c.j2", real, given),
         f"{name}.h": _render("controller.h.j2", real, given),
         f"test_{name}.c": _render("test.c.j2", real, given),
+    }
+    given |= {
+        "footprint": measure_footprint(name, found),
+        "ram_bytes": NUMBER_BYTES[real] * (traced.states + traced.memory + 4 + 2 * given["ring"])
+        + 8,
+        "ball_lost": BALL_LOST_AFTER_S,
+    }
+    return found | {"README.md": _render("README.md.j2", real, given)}
+
+
+def reference_parts(scenario: Scenario) -> dict[str, Any]:
+    """What the templates need of the scenario's reference: its closed form, or else a table."""
+    reference = build_reference(scenario)
+    form = closed_form(reference)
+    times = scenario.rig.period * np.arange(1 + round(scenario.duration / scenario.rig.period))
+    rows = reference(times)
+    return {
+        "reference": reference.name,
+        "form": form,
+        "table": rows.swapaxes(0, 1).reshape(len(times), 10),
+        "scales": np.maximum(np.abs(rows).max(axis=(1, 2)), 1.0).tolist(),
+        "pieces": form is not None
+        and (form.harmonic is None or math.isfinite(form.harmonic.since)),
     }
 
 
@@ -122,8 +163,23 @@ def _render(template: str, real: str, given: dict[str, Any]) -> str:
 
     how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
     how.filters["number"] = lambda value: number(value, real)
+    how.filters["double"] = lambda value: number(value, "double")
+    how.filters["rows"] = lambda values: _rows(values, real)
+    how.filters["table"] = lambda values: _table(values, real)
     how.globals["number"] = lambda value: number(value, real)
     return how.from_string((TEMPLATE_FOLDER / template).read_text(encoding="utf-8")).render(given)
+
+
+def _table(values: Array, real: str) -> str:
+    """Numbers of an array of any shape in C, in the order of their indices, in lines."""
+    text = ", ".join(number(value, real) for value in np.ravel(values).tolist())
+    return "    " + "\n    ".join(textwrap.wrap(text, 92, break_long_words=False))
+
+
+def _rows(values: Array, real: str) -> str:
+    """Pairs of numbers of an array of shape (..., 2) in C, one a line."""
+    pairs = values.reshape(-1, 2).tolist()
+    return "\n".join(f"    {{{number(x, real)}, {number(y, real)}}}," for x, y in pairs)
 
 
 RUN_COLUMNS = (
@@ -159,6 +215,3 @@ def reference_run(scenario: Scenario) -> str:
             if not rig.supervisor.all_running:
                 break
     return pd.DataFrame(rows, columns=RUN_COLUMNS).to_csv(index=False, lineterminator="\n")
-
-
-__all__ = ["REALS", "export", "reference_run", "sources"]
