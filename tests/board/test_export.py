@@ -2,8 +2,13 @@
 
 The C controller against the Python one, period by period."""
 
+import ctypes
+import math
+
+import numpy as np
+import pandas as pd
 import pytest
-from board_source import compiled, replayed, scenario
+from board_source import LIMITS, SCREEN, compiled, replayed, scenario
 from click.testing import CliRunner
 
 import ballplate as bp
@@ -21,8 +26,6 @@ LAWS = {
     "sliding_mode": "luenberger",
 }
 """Each law, with one of the observers."""
-LOST = {"sensors__touch__lost": 0.02, "sensors__touch__frame_rate": 133.0}
-"""Frames slower than the control period, one of 50 lost."""
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -33,10 +36,16 @@ def test_a_law_in_c_commands_what_it_commands_in_python(law, tmp_path):
     assert difference < 1e-14
 
 
-def test_the_predictor_in_c_is_that_of_python_with_frames_lost(tmp_path):
-    delay = {"predictor__kind": "smith", "predictor__delay": 0.0413}
-    chosen = scenario(observer__kind="kalman", duration=1.0, **delay, **LOST)
-    passed, difference = replayed(compiled(export(tmp_path / "plate.c", chosen)))
+def test_predictor_and_limits_in_c_are_those_of_python_with_frames_lost(tmp_path):
+    chosen = scenario(observer__kind="kalman", duration=1.2, **SCREEN, **LIMITS)
+    folder = export(tmp_path / "plate.c", chosen)
+    run = pd.read_csv(folder / "reference_run.csv")
+    rates = run[["rate_phi", "rate_theta"]]
+    assert rates.abs().max().max() == pytest.approx(math.radians(1.5))
+    assert rates.diff().abs().max().max() == pytest.approx(0.5 * 0.002)
+    assert not run.touched.all()
+    assert run.age.max() > 1 / 133
+    passed, difference = replayed(compiled(folder))
     assert passed
     assert difference < 1e-14
 
@@ -99,3 +108,75 @@ def test_the_command_writes_a_folder(tmp_path):
     names = {each.name for each in (tmp_path / "plate").iterdir()}
     assert names == {"README.md", "plate.c", "plate.h", "test_plate.c", "reference_run.csv"}
     assert "typedef float plate_real;" in (tmp_path / "plate" / "plate.h").read_text("utf-8")
+
+
+class Measurement(ctypes.Structure):
+    """``struct plate_measurement``."""
+
+    _fields_ = (
+        *((name, ctypes.c_double) for name in ("x", "phi", "y", "theta", "age")),
+        ("touched", ctypes.c_int),
+    )
+
+
+class Command(ctypes.Structure):
+    """``struct plate_command``."""
+
+    _fields_ = (
+        ("rate", ctypes.c_double * 2),
+        ("acceleration", ctypes.c_double * 2),
+        ("estimate", ctypes.c_double * 8),
+        ("valid", ctypes.c_int),
+    )
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """A controller with integral action behind a predictor, as a shared library."""
+    chosen = scenario(controller__kind="afl_integral", duration=0.01, **SCREEN)
+    folder = export(tmp_path_factory.mktemp("c") / "plate.c", chosen)
+    return ctypes.CDLL(str(compiled(folder, "-shared", "-fPIC")))
+
+
+def commands(library, measurements):
+    """Plate rates in rad/s, shape (n, 2), and whether each request is finite."""
+    state, command = ctypes.create_string_buffer(4096), Command()
+    desired = (ctypes.c_double * 10)()
+    library.plate_init(state)
+    found = []
+    for each in measurements:
+        library.plate_step(state, ctypes.byref(Measurement(*each)), desired, ctypes.byref(command))
+        found.append((*command.rate, command.valid))
+    rows = np.array(found)
+    return rows[:, :2], rows[:, 2] == 1
+
+
+def test_measurements_at_the_limits_and_beyond_never_give_a_rate_beyond_its_limits(library):
+    draw = np.random.default_rng(4)
+    rows = draw.uniform(-1, 1, (4000, 6)) * (0.3, 0.5, 0.2, 0.5, 0.2, 1.0)
+    rates, valid = commands(library, [(*row[:5], int(row[5] > -0.5)) for row in rows.tolist()])
+    assert valid.all()
+    assert np.abs(rates).max() == pytest.approx(math.radians(35))
+    assert np.abs(np.diff(rates, axis=0)).max() <= 7.0 * 0.002 + 1e-12
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(4))
+def test_a_measurement_that_is_no_number_brakes_the_plate_and_is_reported(library, bad, place):
+    good = [0.05, 0.01, -0.05, 0.01, 0.0, 1]
+    wrong = good.copy()
+    wrong[place] = bad
+    rates, valid = commands(library, [good] * 20 + [wrong] * 200)
+    assert valid[:20].all()
+    assert not valid[-1]
+    assert np.isfinite(rates).all()
+    assert (rates[-1] == 0).all()
+
+
+@pytest.mark.parametrize("age", [math.nan, math.inf, -1e30, 1e30, 0.11])
+def test_a_position_of_an_impossible_age_counts_as_not_touched(library, age):
+    begin = [(0.05, 0.0, -0.05, 0.0, 0.0, 1)]
+    rates, valid = commands(library, begin + [(9.0, 0.0, 9.0, 0.0, age, 1)] * 50)
+    untouched, _ = commands(library, begin + [(9.0, 0.0, 9.0, 0.0, 0.0, 0)] * 50)
+    assert valid.all()
+    assert (rates == untouched).all()

@@ -41,3 +41,22 @@ def replayed(program, what="periods, "):
     assert done.returncode in {0, 1}, done.stderr or done.returncode
     after = done.stdout.split(f"{what}largest difference ")[1]
     return not done.returncode, float(after.split()[0])
+
+
+LIMITS = {
+    "rig__limits__angle_deg": 0.6,
+    "rig__limits__rate_deg": 1.5,
+    "rig__limits__acceleration": 0.5,
+    "plant__start__x": 0.06,
+    "plant__start__y": -0.08,
+}
+"""Limits so narrow that a start off the centre meets each of them."""
+SCREEN = {
+    "predictor__kind": "smith",
+    "predictor__delay": 0.0413,
+    "sensors__touch__lost": 0.02,
+    "sensors__touch__frame_rate": 133.0,
+    "sensors__touch__hidden": [0.0535, -0.2, 0.0545, 0.2],
+}
+"""A screen with frames, one of 50 lost, and a blind strip, behind a predictor with a dead time that
+is no multiple of the period."""
