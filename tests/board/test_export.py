@@ -13,7 +13,8 @@ from click.testing import CliRunner
 
 import ballplate as bp
 from twin.board.export import export
-from twin.cli.runs import export as command
+from twin.cli.runs import export as export_command
+from twin.run.assemble import assemble
 
 LAWS = {
     "pole_placement": "luenberger",
@@ -103,7 +104,7 @@ def test_a_name_that_is_none_in_c_is_refused(name, tmp_path):
 def test_the_command_writes_a_folder(tmp_path):
     file = tmp_path / "plate.c"
     short = ["--set", "duration=0.1", "--set", "plant.kind=lagrange"]
-    done = CliRunner().invoke(command, ["hold", str(file), "--real", "float", *short])
+    done = CliRunner().invoke(export_command, ["hold", str(file), "--real", "float", *short])
     assert done.exit_code == 0, done.output
     names = {each.name for each in (tmp_path / "plate").iterdir()}
     assert names == {"README.md", "plate.c", "plate.h", "test_plate.c", "reference_run.csv"}
@@ -180,3 +181,30 @@ def test_a_position_of_an_impossible_age_counts_as_not_touched(library, age):
     untouched, _ = commands(library, begin + [(9.0, 0.0, 9.0, 0.0, 0.0, 0)] * 50)
     assert valid.all()
     assert (rates == untouched).all()
+
+
+def test_a_run_that_the_c_code_drives_is_that_of_the_python_controller(tmp_path):
+    chosen = scenario(controller__kind="afl", observer__kind="luenberger", duration=2.0, **SCREEN)
+    folder = export(tmp_path / "plate.c", chosen)
+    run = pd.read_csv(folder / "reference_run.csv")
+    library = ctypes.CDLL(str(compiled(folder, "-shared", "-fPIC")))
+    state, command, desired = ctypes.create_string_buffer(4096), Command(), (ctypes.c_double * 10)()
+    library.plate_reference_at.argtypes = [ctypes.c_double, ctypes.c_void_p]
+    library.plate_init(state)
+    rates = []
+    rig, _ = assemble(chosen, unseen=True)
+    with rig:
+        measured = rig.read()
+        rig.supervisor.angle = measured.y[:, 1::2].copy()
+        rig.start()
+        for _ in range(len(run)):
+            given = Measurement(*measured.y[0], measured.age[0], int(measured.touched[0]))
+            library.plate_reference_at(measured.time, desired)
+            library.plate_step(state, ctypes.byref(given), desired, ctypes.byref(command))
+            rates.append(rig.write(np.array([command.rate]))[0])
+            rig.wait()
+            measured = rig.read()
+    assert len(run) == 1000
+    expected = run[["rate_phi", "rate_theta"]].to_numpy()
+    assert np.abs(rates).max() > 0.01
+    assert np.abs(rates - expected).max() < 1e-9

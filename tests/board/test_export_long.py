@@ -22,7 +22,7 @@ def test_a_controller_in_c_is_that_of_python_over_25_s(law, observer, real, tmp_
     passed, difference = replayed(compiled(folder, *SANITIZERS))
     rows = (folder / "reference_run.csv").read_text("utf-8").count("\n") - 1
     assert passed
-    assert difference < {"double": 1e-9, "float": 1e-3}[real]
+    assert difference < {"double": 1e-9, "float": 1e-2}[real]
     assert rows > 1000
 
 

@@ -50,7 +50,7 @@ from twin.scenario.schema import Scenario
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,40}")
 """Names of the C file without its ending, which begin the names in C."""
-MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-3}
+MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-2}
 """Largest difference of a commanded rate from that of the Python code, by the type of numbers."""
 NUMBER_BYTES = {"double": 8, "float": 4}
 """Size of a number by its type."""
