@@ -95,7 +95,7 @@ def test_what_has_no_form_in_c_is_refused_in_one_line(settings, text, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["Plate.c", "2.c", "a-b.c", "plate.txt"])
+@pytest.mark.parametrize("name", ["Plate.c", "2.c", "a-b.c", "plate.txt", "int.c", "math.c"])
 def test_a_name_that_is_none_in_c_is_refused(name, tmp_path):
     with pytest.raises(bp.TwinError, match=r"names in C begin|must end in \.c"):
         bp.controller_source("hold", tmp_path / name, duration=0.1)

@@ -50,6 +50,13 @@ from twin.scenario.schema import Scenario
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,40}")
 """Names of the C file without its ending, which begin the names in C."""
+RESERVED_NAMES = frozenset({
+    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else",
+    "enum", "extern", "float", "for", "goto", "if", "inline", "int", "long", "register",
+    "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef",
+    "union", "unsigned", "void", "volatile", "while", "math", "stdio", "stdlib",
+})  # fmt: skip
+"""Keywords of C99, and headers that the sources include."""
 MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-2}
 """Largest difference of a commanded rate from that of the Python code, by the type of numbers."""
 NUMBER_BYTES = {"double": 8, "float": 4}
@@ -75,10 +82,8 @@ def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
             cannot be written.
     """
     name = file.stem
-    if not NAME_PATTERN.fullmatch(name):
-        raise RecordError(
-            f"{file}: names in C begin with the name: lower-case letters, digits and _ only"
-        )
+    if not NAME_PATTERN.fullmatch(name) or name in RESERVED_NAMES:
+        raise RecordError(f"{file}: names in C begin with the name: a-z, 0-9 and _, no keyword")
     texts = sources(name, scenario, real)
     texts["reference_run.csv"] = reference_run(scenario)
     folder = file.with_suffix("")
