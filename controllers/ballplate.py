@@ -153,7 +153,7 @@ class BallPlate:
         u2 = 0.0 if u is None else u[..., 1]
         d, g7 = self.d, self.gravity * seen.c7
         along = x1 * wz + x6
-        rows = np.zeros((2, 11, *x.shape[:-1]))
+        rows = np.zeros((2, 11, *x.shape[:-1]), np.result_type(x, float))
         a, b = rows
         a[0] = wz * wz + wy * wy
         a[2] = 2 * wx * along - d * (wx * wx - wz * wz) + (g7 + x5 * u2) * c3

@@ -58,7 +58,7 @@ class _StateFeedback(Law):
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations K (x* - x) (6.8) in rad/s^2, shape (..., 2)."""
         r = reference(t)
-        desired = np.zeros((*r.shape[1:-1], 8))
+        desired = np.zeros((*r.shape[1:-1], 8), np.result_type(r, float))
         desired[..., 0::4] = r[0]
         if self.reference == "velocity":
             desired[..., 1::4] = r[1]
@@ -227,7 +227,7 @@ class Feedforward(Law):
         sine = np.minimum(np.maximum(r[2] / k, -MAX_FEEDFORWARD_SINE), MAX_FEEDFORWARD_SINE)
         a = k * np.sqrt(1 - sine * sine)
         rate = r[3] / a
-        x = np.empty((*r.shape[1:-1], 8))
+        x = np.empty((*r.shape[1:-1], 8), np.result_type(r, float))
         x[..., 0::4] = r[0]
         x[..., 1::4] = r[1]
         x[..., 2::4] = np.arcsin(sine)
@@ -290,7 +290,8 @@ class Pid(Law):
     @property
     def _most(self) -> float:
         """Largest acceleration that is asked for, m/s^2."""
-        return float(self.model.k1 * np.sin(np.radians(self.angle)))
+        most: float = self.model.k1 * np.sin(np.radians(self.angle))
+        return most
 
 
 @dataclass(frozen=True, kw_only=True)

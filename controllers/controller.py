@@ -595,7 +595,7 @@ class Smith(Observer):
         self.knows = self.observer.knows  # type: ignore[misc]
         self.name = self.observer.name  # type: ignore[misc]
         self._back = self.delay / self.period
-        self._length = 3 + math.ceil(self._back + self.longest_wait / self.period)
+        self.length = 3 + math.ceil(self._back + self.longest_wait / self.period)
         self._whole = math.floor(self._back + 1e-9)
         self._share = max(self._back - self._whole, 0.0)
         self._tick = 0
@@ -606,13 +606,13 @@ class Smith(Observer):
         self.x = self.observer.x
         self._tick = 0
         self._past = np.array(
-            np.broadcast_to(self.x[..., BALL_SLICE], (self._length, *x.shape[:-1], 2))
+            np.broadcast_to(self.x[..., BALL_SLICE], (self.length, *x.shape[:-1], 2))
         )
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
         ball = self.x[..., BALL_SLICE]
-        slot = self._tick % self._length
+        slot = self._tick % self.length
         if not self._whole:  # else it is not read before it is corrected
             self._past[slot] = ball
         y = measurement.y.copy()
@@ -647,10 +647,10 @@ class Smith(Observer):
 
     def _look_back(self) -> Array:
         """Estimated ball position a dead time ago, shape (..., 2)."""
-        newer: Array = self._past[(self._tick - self._whole) % self._length]
+        newer: Array = self._past[(self._tick - self._whole) % self.length]
         if self._share < 1e-9:
             return newer
-        older: Array = self._past[(self._tick - self._whole - 1) % self._length]
+        older: Array = self._past[(self._tick - self._whole - 1) % self.length]
         return newer + self._share * (older - newer)
 
     def _look_back_each(self, periods: Array) -> Array:
@@ -658,10 +658,10 @@ class Smith(Observer):
         if periods.size == 1:  # plain numbers for one rig, several times faster
             back = periods.item()
             first = math.floor(back + 1e-9)
-            newer, older = (self._past[(self._tick - k) % self._length] for k in (first, first + 1))
+            newer, older = (self._past[(self._tick - k) % self.length] for k in (first, first + 1))
             return np.asarray(newer + (back - first) * (older - newer))
         whole = np.floor(periods + 1e-9).astype(int)
         share = (periods - whole)[..., np.newaxis]
-        slots = (self._tick - np.stack([whole, whole + 1])) % self._length
+        slots = (self._tick - np.stack([whole, whole + 1])) % self.length
         newer, older = np.take_along_axis(self._past, slots[..., np.newaxis], axis=0)
         return newer + share * (older - newer)

@@ -295,7 +295,7 @@ class Observer(ABC):
 
     def start(self, x: State) -> None:
         """Begin at the state x, shape (..., 8)."""
-        self.x = np.array(x, dtype=float)
+        self.x = np.array(x, dtype=np.result_type(x, float), subok=True)
 
     @abstractmethod
     def correct(self, measurement: Measurement) -> State:

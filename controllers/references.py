@@ -14,7 +14,7 @@ from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import comb, factorial, perm
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -130,6 +130,11 @@ class WithDerivatives:
         terms = self._rising[piece] * np.multiply.accumulate(powers, axis=-1)[..., None, None]
         values: Array = np.add.reduce(terms, axis=-3)
         return np.moveaxis(values, -2, 0) if time.ndim else values
+
+    def form(self) -> ClosedForm:
+        """The same as a closed form; of the first piece only what holds from its start on."""
+        pieces = len(self._rising)
+        return ClosedForm(self._breaks[:pieces], np.zeros((pieces, 2)), self._rising)
 
 
 def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> WithDerivatives:
@@ -352,18 +357,18 @@ class Oscillation:
     ) -> None:
         if 0 in omega:
             raise ValueError("omega must not be zero")
-        S, C, self._omega = np.array(sine), np.array(cosine), np.array(omega, float)
-        speed = self._omega ** np.arange(5)[:, None]
+        S, C, self.omega = np.array(sine), np.array(cosine), np.array(omega, float)
+        speed = self.omega ** np.arange(5)[:, None]
         # Each derivative turns sin into cos and cos into -sin.
-        self._sine = speed * (S, -C, -S, C, S)
-        self._cosine = speed * (C, S, -C, -S, C)
+        self.sine = speed * (S, -C, -S, C, S)
+        self.cosine = speed * (C, S, -C, -S, C)
 
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""
         t = np.asarray(t, dtype=float)
-        angle = self._omega * t[..., None]
+        angle = self.omega * t[..., None]
         shape = (5, *(1,) * t.ndim, 2)
-        sine, cosine = self._sine.reshape(shape), self._cosine.reshape(shape)
+        sine, cosine = self.sine.reshape(shape), self.cosine.reshape(shape)
         return sine * np.sin(angle) + cosine * np.cos(angle)
 
 
@@ -658,6 +663,13 @@ class _Filter:
         out[0] += goals
         return out
 
+    def form(self) -> ClosedForm:
+        """The same as a closed form."""
+        times, goals, parts = (
+            np.array(each[: self._count]) for each in (self._times, self._goals, self._parts)
+        )
+        return ClosedForm(times, goals, parts.swapaxes(1, 2), self._a)
+
     def _powers(self, s: Array) -> Array:
         """exp(-a s) (1, s, ..., s^4), shape (*shape(s), 5)."""
         return np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(FILTER_ORDER)
@@ -671,3 +683,61 @@ class _Filter:
             out.append((powers * b).sum(axis=-1))
             b = self._derived @ b
         return np.array(out)
+
+
+class Harmonic(NamedTuple):
+    """S sin(omega t) + C cos(omega t) from a time on.
+
+    Attributes:
+        since: Time in s from which it holds.
+        omega: For x and y, rad/s, shape (2,).
+        sine: S of position and four derivatives, shape (5, 2).
+        cosine: C of them, shape (5, 2).
+    """
+
+    since: float
+    omega: Array
+    sine: Array
+    cosine: Array
+
+
+class ClosedForm(NamedTuple):
+    """A reference as pieces of offset + exp(-decay s) sum of terms s^power, s = t - start >= 0.
+
+    Attributes:
+        starts: Time from which each piece holds, s, shape (pieces,); the first holds before, too.
+        offsets: Offset of the position in m, shape (pieces, 2).
+        terms: Of s^0, s^1, ... for position and four derivatives, shape (pieces, powers, 5, 2).
+        decay: In 1/s; 0 for polynomials.
+        harmonic: The motion that holds from its time on, in place of the pieces, if any.
+    """
+
+    starts: Array
+    offsets: Array
+    terms: Array
+    decay: float = 0.0
+    harmonic: Harmonic | None = None
+
+
+def closed_form(reference: Reference) -> ClosedForm | None:
+    """The closed form of a reference, for other languages; None if it has none."""
+    kind = type(reference)
+    if kind is Hold or kind is Step:
+        times = np.array([reference.time]) if isinstance(reference, Step) else np.zeros(1)
+        pieces = np.stack([reference(times[0] - 1)[0], reference(times[0])[0]])
+        return ClosedForm(np.append(times - 1, times), pieces, np.zeros((2, 1, 5, 2)))
+    if isinstance(reference, Sine) and kind is Sine:
+        return _harmonic_form(reference._motion, -math.inf)
+    if isinstance(reference, Circle | Lissajous) and kind in {Circle, Lissajous}:
+        after = _harmonic_form(reference._motion, reference._start)
+        return reference._opening.form()._replace(harmonic=after.harmonic)
+    if isinstance(reference, Transition) and kind is Transition:
+        return reference._motion.form()
+    if isinstance(reference, Setpoints) and kind is Setpoints and reference.before is None:
+        return reference._filter.form()
+    return None
+
+
+def _harmonic_form(motion: Oscillation, since: float) -> ClosedForm:
+    harmonic = Harmonic(since, motion.omega, motion.sine, motion.cosine)
+    return ClosedForm(np.zeros(1), np.zeros((1, 2)), np.zeros((1, 1, 5, 2)), harmonic=harmonic)

@@ -441,7 +441,7 @@ class ExtendedKalman(Observer):
             felt = measurement.touched[..., np.newaxis] | OF_PLATE
             y, R = np.where(felt, y, x[..., OUTPUT_SLICE]), np.where(felt, R, math.inf)
         # rows of C P, and the innovation as a further column that is treated as they are
-        W = np.empty((*x.shape[:-1], len(MEASURED_STATES), 9))
+        W = np.empty((*x.shape[:-1], len(MEASURED_STATES), 9), x.dtype)
         W[..., :8] = P[..., OUTPUT_SLICE, :]
         W[..., 8] = y - x[..., OUTPUT_SLICE]
         for j, i in enumerate(MEASURED_STATES):
@@ -459,7 +459,7 @@ class ExtendedKalman(Observer):
         x, T = self.x, self.period
         ball = self.model.ball(x, u if self.input_terms else None) * self._scale
         # first (A, g, f) T: the powers of its rows of the ball, and then (F, G, d)
-        step = np.empty((*x.shape, 11))
+        step = np.empty((*x.shape, 11), x.dtype)
         step[:] = self._once
         step[..., 1::4, :] = ball
         step[..., 0::2, 10] = T * x[..., 1::2]
@@ -469,7 +469,7 @@ class ExtendedKalman(Observer):
         step[..., 1::4, :] += second / 2
         F, G, d = step[..., :8], step[..., 8:10], step[..., 10]
         self.x = x + d + (G @ (u / self._deviation)[..., np.newaxis])[..., 0]
-        FP_G = np.empty((*x.shape, 10))
+        FP_G = np.empty((*x.shape, 10), x.dtype)
         FP_G[..., :8], FP_G[..., 8:] = F @ self.P, G
         P = FP_G @ transpose(step[..., :10])
         P += transpose(P)

@@ -17,7 +17,7 @@ from ballplate.reporter import Reporter, default
 from ballplate.results import Result
 from controllers.arrays import Array
 from controllers.interfaces import Measurement, Reference
-from twin.base.errors import RecordError, TwinError
+from twin.base.errors import RecordError, TwinError, extra
 from twin.base.shipped import find
 from twin.run.assemble import PLANTS, assemble
 from twin.run.loop import RunMonitor, record_and_wait
@@ -353,6 +353,54 @@ def drive_fmu(kind: str, file: str | Path, *, reporter: Reporter | None = None) 
     if lacking := export_drive(path, kind):
         (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
     return path
+
+
+def controller_source(
+    scenario: str | Path,
+    file: str | Path,
+    settings: Settings = (),
+    *,
+    real: str = "double",
+    **changes: Unpack[Changes],
+) -> Path:
+    """Write the controller of a scenario as C99 source for a board; needs ``casadi``.
+
+    Law, observer, predictor, limits and reference, with a test program and a reference run. Laws
+    that plan ahead or solve an optimisation have no form in C and are refused.
+    ``ballplate export circle controller.c`` does the same.
+
+    Args:
+        scenario: A shipped scenario, one of ``scenarios()``, or a TOML file.
+        file: Name of the C file, ``FOLDER/NAME.c``; the folder ``FOLDER/NAME`` is written, and the
+            names of the C functions begin with ``NAME``.
+        settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
+        real: Type of numbers, ``double`` or ``float``.
+        changes: What is changed of it, by tables.
+
+    Returns:
+        The folder.
+
+    Raises:
+        TwinError: If there is no such scenario, its controller has no form in C, the name is no
+            name in C, CasADi is lacking, or the folder cannot be written.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> folder = bp.controller_source("hold", "board.c", duration=0.2)
+        >>> sorted(file.name for file in folder.iterdir())
+        ['README.md', 'board.c', 'board.h', 'reference_run.csv', 'test_board.c']
+    """
+    path = Path(file)
+    if path.suffix != ".c":
+        raise RecordError(f"{path}: a controller's file must end in .c")
+    if real not in {"double", "float"}:
+        raise TwinError(f"real: must be double or float, got {real!r}")
+    chosen = scenario_of(scenario, changes_of(settings, changes))
+    with extra("casadi", "controller_source"):
+        import casadi  # noqa: F401
+    from twin.board.export import export
+
+    return export(path, chosen, real=real)
 
 
 def _check_ending(file: str | Path) -> Path:

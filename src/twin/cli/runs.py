@@ -504,6 +504,9 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
 @click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
 @click.option("--bus", is_flag=True, help="A drive, akd, as a node of a simulated CAN bus.")
+@click.option(
+    "--real", type=click.Choice(("double", "float")), help="Of a controller in C [double]."
+)
 @options.SETTING
 @click.option(
     "--render",
@@ -517,6 +520,7 @@ def export(
     fmi: str | None,
     wished: bool,
     bus: bool,
+    real: str | None,
     overrides: tuple[str, ...],
     **cut: Any,
 ) -> int:
@@ -530,7 +534,12 @@ def export(
 
     Or a drive, as a node of a simulated CAN bus (FMI 3.0 with FMI-LS-BUS 1.0):
     ballplate export akd drive.fmu --bus
+
+    Or a scenario's controller, as a folder of C source for a board, here controller/:
+    ballplate export circle controller.c --real float
     """
+    if real and file.suffix != ".c":
+        raise RecordError(f"{file}: --real is of a controller in C: .c")
     if bus:
         if fmi or wished or overrides or beside or any(a is not None for a in cut.values()):
             raise RecordError(f"{file}: a drive, --bus, is exported without any other option")
@@ -547,6 +556,16 @@ def export(
 
         made = fmu(run, file, overrides, fmi=int(fmi or 2), wished=wished, reporter=TERMINAL)
         say(f"written to {made}")
+        return 0
+    if file.suffix == ".c":
+        if fmi or wished or beside or any(a is not None for a in cut.values()):
+            raise RecordError(
+                f"{file}: of a controller in C there are the options --real, --on and --set only"
+            )
+        from ballplate.rigs import controller_source
+
+        made = controller_source(run, file, overrides, real=real or "double")
+        say(f"written to {made}/")
         return 0
     if fmi or wished or overrides:
         raise RecordError(f"{file}: --fmi, --reference, --on, --set are of a scenario's rig: .fmu")

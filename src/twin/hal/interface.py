@@ -173,10 +173,10 @@ class Clamp:
             rate: Rates commanded last, rad/s, shape (N, 2).
             angle: Plate angles, rad, shape (N, 2).
         """
-        return elementwise(self._allowed, requested, rate, angle)
+        return elementwise(self.allowed, requested, rate, angle)
 
-    def _allowed(self, by: Arithmetic, requested: Any, rate: Any, angle: Any) -> Any:
-        """The same for each plate axis."""
+    def allowed(self, by: Arithmetic, requested: Any, rate: Any, angle: Any) -> Any:
+        """The rate that may be commanded about one plate axis, rad/s, by any arithmetic."""
         sense = by.where(requested < 0, -1.0, 1.0)
         # A rate v braked by one step per period covers at most (v + step / 2)^2 / (2 a), so this
         # is the square of v + step / 2 that the way to the angle limit allows.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, column, constant, every, finite, put, some
+from controllers.arrays import Array, Mask, Number, column, constant, every, finite, put, some
 from twin.hal.interface import NOMINAL_PERIOD, Clamp, Condition, Fault, Limits, Severity
 
 
@@ -130,6 +130,20 @@ class Note(NamedTuple):
     rig: int
     condition: Condition
     text: str
+
+
+def correct_angle(angle: Array, drift: Array, share: Number) -> Array:
+    """The commanded plate angle, corrected by a share of its drift from the measured one.
+
+    Args:
+        angle: Integral of the commanded rates, rad, shape (N, 2).
+        drift: Measured angle less this one, rad, shape (N, 2).
+        share: Control period over the time constant of the correction.
+
+    Returns:
+        Angle in rad, shape (N, 2).
+    """
+    return angle + share * drift
 
 
 class Supervisor:
@@ -290,7 +304,7 @@ class Supervisor:
             self._judge(BALL_OUTSIDE, outside, y[:, 0::2], where)
             where = "plate at ({:.2f}, {:.2f}) deg past its limit"
             self._judge(PLATE_TILTED, tilted, np.degrees(plate), where)
-        self.angle = self.angle + self._drift_share * drift
+        self.angle = correct_angle(self.angle, drift, self._drift_share)
         if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)
             self._before = np.where(touched[:, None], self._before, np.nan)
