@@ -192,14 +192,15 @@ def expressions(values: Any) -> list[Any]:
     return [_expression(value) for value in np.asarray(values, object).ravel()]
 
 
-def _symbol_any(condition: Any) -> bool:
+def _refuse_decision(condition: Any) -> bool:
     raise NoSymbolicFormError("it decides by a value that is known at run time only")
 
 
 SYMBOL_ARITHMETIC = Arithmetic(
     np.sqrt,
     _choose,
-    _symbol_any,
+    _refuse_decision,
+    _refuse_decision,
     np.minimum,
     np.maximum,
 )
