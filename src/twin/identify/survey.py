@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.errors import LogError
 from twin.identify.logs import ROLE_UNITS, read_cells, unit_factor
 from twin.run.logs import split_unit
 
@@ -157,7 +158,7 @@ def survey(path: Path, separator: str | None = None) -> Survey:
         separator: Between columns of text; None to find it.
 
     Raises:
-        TwinError: If it cannot be read.
+        TwinError: If it cannot be read, or has no column of numbers.
     """
     header, cells, clocks, notes = read_cells(path, {}, separator)
     columns = []
@@ -166,6 +167,8 @@ def survey(path: Path, separator: str | None = None) -> Survey:
         if np.isfinite(values).any():
             clock = clocks.get(k)
             columns.append(SurveyedColumn(name or str(k + 1), unit or "", values, clock))
+    if not columns:
+        raise LogError(f"{path.name}: no column time, and none with numbers: it is no log")
     guesses = tuple(_guess_roles(columns))
     found = {guess.role: guess for guess in guesses}
     if "time" in found:
