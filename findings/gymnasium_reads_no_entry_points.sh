@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # gymnasium 1.4.0, entry points of other packages (gymnasium 0.29.1 for comparison).
 # Guess: a package that declares an entry point in the group gymnasium.envs has its environments
-#   registered by `import gymnasium`, as in OpenAI's gym and in gymnasium 0.29.
+#   registered by `import gymnasium`, as in its predecessor gym and in gymnasium 0.29.
 # Seen: 1.4.0 does not look at the group, and says nothing: make() raises NamespaceNotFound. 0.29.1
 #   calls the entry point.
 # Do: name the module in the identifier, make("package.module:namespace/Name-v0"). The module must be
