@@ -97,15 +97,13 @@ class RunLanes:
         """The state of each lane in every row, shape (K,)."""
         supervisor = [State(int(each)).name.lower() for each in rows["supervisor"]]
         found: dict[str, Any] = {"supervisor": np.array(supervisor)}
-        felt = rows.get("touched", np.ones(len(rows["time"]))) > 0.5
         still = np.where(self._still(rows), "at rest", "rolls")
-        found["ball"] = np.where(felt, still, "not detected")
+        found["ball"] = np.where(find_undetected(rows), "not detected", still)
         if "age" in rows:
             late = rows["age"] > self._due
             found["screen"] = np.where(late, "no new frame", "new frames")
-        found["effort"] = _either("within limits", "limited", *_find_limited(rows))
-        if "wheel_phi_N" in rows:
-            lifted = rows["wheel_phi_N"] <= 0, rows["wheel_theta_N"] <= 0
+        found["effort"] = _either("within limits", "limited", *find_limited(rows))
+        if lifted := find_lifted(rows):
             found["wheels"] = _either("on cams", "lifted off", *lifted)
         return found
 
@@ -118,7 +116,19 @@ class RunLanes:
         return np.asarray(time - last >= MAX_TURNING_TIME_S)
 
 
-def _find_limited(rows: Mapping[str, Array]) -> tuple[Mask, Mask]:
+def find_undetected(rows: Mapping[str, Array]) -> Mask:
+    """Where the screen does not detect the ball, (K,); nowhere in a record without the column."""
+    return rows.get("touched", np.ones(len(rows["time"]))) < 0.5
+
+
+def find_lifted(rows: Mapping[str, Array]) -> tuple[Mask, Mask] | None:
+    """Where the wheels of phi and theta press on no cam, (K,) each; None in a record of a rig."""
+    if "wheel_phi_N" not in rows:
+        return None
+    return rows["wheel_phi_N"] <= 0, rows["wheel_theta_N"] <= 0
+
+
+def find_limited(rows: Mapping[str, Array]) -> tuple[Mask, Mask]:
     """Where less plate acceleration is applied than requested, about phi and theta, (K,) each."""
     phi, theta = (
         np.abs(rows[f"requested_{axis}_acc"] - rows[f"applied_{axis}_acc"]) for axis in AXES

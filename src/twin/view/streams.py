@@ -14,13 +14,22 @@ from scipy.spatial.transform import Rotation
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.base.data_file import read_packaged
+from twin.hal.agreement import AXES
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import columns, states_of
 from twin.scenario.schema import Scenario
 from twin.sim.plant.model import screen_of
-from twin.view.lanes import STATE_COLOURS, RunLanes, lane_columns, looks
+from twin.view.lanes import (
+    STATE_COLOURS,
+    RunLanes,
+    find_lifted,
+    find_limited,
+    find_undetected,
+    lane_columns,
+    looks,
+)
 
 Colour = tuple[int, int, int]
 
@@ -418,12 +427,12 @@ class RunStream:
         self._state = int(state[-1])
         names = [State(value).name.lower() for value in state[changed]]
         events = [(time[k], f"supervisor: {name}") for k, name in zip(changed, names, strict=True)]
-        active = {"ball not detected": rows.get("touched", np.ones(len(time))) < 0.5}
-        for axis in ("phi", "theta"):
-            requested, applied = rows[f"requested_{axis}_acc"], rows[f"applied_{axis}_acc"]
-            active[f"{axis} effort limited"] = np.abs(requested - applied) > 0.01
-            if f"wheel_{axis}_N" in rows:
-                active[f"wheel {axis} lifted off its cam"] = rows[f"wheel_{axis}_N"] <= 0
+        active = {"ball not detected": find_undetected(rows)}
+        active |= zip(
+            ("phi effort limited", "theta effort limited"), find_limited(rows), strict=True
+        )
+        wheels = [f"wheel {axis} lifted off its cam" for axis in AXES]
+        active |= zip(wheels, find_lifted(rows) or (), strict=False)
         for what, mask in active.items():
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
             self._marks[what] = bool(mask[-1])
