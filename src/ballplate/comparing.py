@@ -111,8 +111,7 @@ class Comparison(Mapping[str, "Result"]):
         """All runs in one picture, or in one panel of it; arguments as for ``Result.plot``."""
         from ballplate.results import draw_motions
 
-        scenario = next(iter(self.runs.values())).scenario
-        return showable(draw_motions(self.motions, self.title, scenario, panel, width_mm))
+        return showable(draw_motions(self.motions, self.title, self._plate, panel, width_mm))
 
     def save(self, folder: str | Path = "runs/compare") -> Path:
         """Write a folder per run and compare.png into a folder; returns it.
@@ -473,14 +472,10 @@ def variants_of(
             f"{what}: must be a table of names, or texts NAME='KEY=VALUE; KEY=VALUE', "
             f"got {variants!r:.60}"
         )
-    pairs: list[tuple[str, Settings]] = []
-    if isinstance(variants, Mapping):
-        pairs += variants.items()
-    for text in () if isinstance(variants, Mapping) else given_names:
-        name, equals, rest = text.partition("=")
-        if not equals:
-            raise ScenarioError(f"{what} '{text:.80}': write NAME='KEY=VALUE; KEY=VALUE'")
-        pairs.append((name, [part.strip() for part in rest.split(";") if part.strip()]))
+    if isinstance(given_names, Mapping):
+        pairs: list[tuple[str, Settings]] = list(given_names.items())
+    else:
+        pairs = [_parse_variant(text, what) for text in given_names]
     found: dict[str, list[KeyChange]] = {}
     for given, settings in pairs:
         name = given.strip()
@@ -488,8 +483,21 @@ def variants_of(
             raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {LONGEST_NAME} letters")
         if name in found:
             raise ScenarioError(f"{what} '{name}': two variants have this name")
-        found[name] = changes_of(settings, {})
+        try:
+            found[name] = changes_of(settings, {})
+        except ScenarioError as error:
+            raise ScenarioError(f"{what} '{name}': {error}") from None
     return found
+
+
+def _parse_variant(text: str, what: str) -> tuple[str, Settings]:
+    """Name and settings in a text ``NAME=KEY=VALUE; KEY=VALUE``; what: the argument in messages."""
+    from twin.scenario.load import split_settings
+
+    name, equals, rest = text.partition("=")
+    if not equals:
+        raise ScenarioError(f"{what} '{text:.80}': write NAME='KEY=VALUE; KEY=VALUE'")
+    return name, split_settings(rest)
 
 
 def label_runs(finished: Sequence[Result], taken: Collection[str] = ()) -> dict[str, Result]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from twin.identify import logs
     from twin.identify.verdicts import Identification, ParameterVerdict
     from twin.run.metrics import Motion
-    from twin.scenario.schema import Scenario
+    from twin.scenario.schema import Dimensions
 
 
 class Result(Run):
@@ -113,7 +113,9 @@ class Result(Run):
         Raises:
             ScenarioError: If there is no such panel, or the width is out of range.
         """
-        return showable(draw_motions(self.motions, self.title, self.scenario, panel, width_mm))
+        return showable(
+            draw_motions(self.motions, self.title, self.scenario.dimensions, panel, width_mm)
+        )
 
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""
@@ -186,7 +188,7 @@ class Result(Run):
 def draw_motions(
     motions: Mapping[str, Motion],
     title: str,
-    scenario: Scenario,
+    plate: Dimensions,
     panel: str | None,
     width_mm: float,
 ) -> Figure:
@@ -195,8 +197,8 @@ def draw_motions(
     from twin.run.picture import panel as draw_panel
 
     if panel is None:
-        return picture(motions, title, scenario.dimensions, PaperFigure)
-    return draw_panel(motions, panel, scenario.dimensions, width_mm)
+        return picture(motions, title, plate, PaperFigure)
+    return draw_panel(motions, panel, plate, width_mm)
 
 
 def save_result(result: Result, folder: Path) -> Result:

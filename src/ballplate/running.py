@@ -546,7 +546,7 @@ def summarize_events(events: Sequence[tuple[float, Condition, str]]) -> list[str
         else:
             span = f"{first:.3f} to {found[-1][0]:.3f} s"
             seen = text.removeprefix(f"{where}: {name}: ")
-            lines.append(f"{span} warning: {where}: {name}: {len(found)} times; first: {seen}")
+            lines.append(f"{span} warning: {where}: {name}: {len(found)} reports; first: {seen}")
     return lines
 
 

@@ -272,7 +272,7 @@ def test_warnings_of_one_cause_are_one_line_and_stops_stay_single():
     assert summarize_events(events) == [
         "5.000 s stop: drive phi (node 1): heartbeat lost: none for 202 ms",
         "5.100 s stop: drive theta (node 2): heartbeat lost: none for 202 ms",
-        "0.200 to 4.500 s warning: drive phi (node 1): PDO late: 2 times; first: TPDO1, "
+        "0.200 to 4.500 s warning: drive phi (node 1): PDO late: 2 reports; first: TPDO1, "
         "1 of earlier cycles",
         "0.300 s warning: drive theta (node 2): PDO late: TPDO1, 1 of earlier cycles",
     ]

@@ -337,6 +337,11 @@ def setting(text: str) -> tuple[str, Any]:
         raise ScenarioError(f"override '{shorten(key)}': {error}") from None
 
 
+def split_settings(text: str) -> tuple[str, ...]:
+    """The overrides in one text, ``key=value; key=value``."""
+    return tuple(part.strip() for part in text.split(";") if part.strip())
+
+
 def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
     """The tables with the values of dotted keys put in.
 

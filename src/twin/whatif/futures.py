@@ -34,7 +34,7 @@ from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.record import Recorder
 from twin.run.state import Snapshot, restore
-from twin.scenario.load import check, load, put, setting
+from twin.scenario.load import check, load, put, setting, split_settings
 from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, Scenario, choices
 from twin.sim.rig import SimulatedRig
 
@@ -607,8 +607,6 @@ def agreement(moment: Moment, synchronisation: Synchronisation = SYNCHRONISATION
 
 SHOWN_BEFORE_S = 2.0
 """Time in s before the moment that the picture shows."""
-SEPARATOR = ";"
-"""Between the settings of one branch."""
 
 
 def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str, ...]]:
@@ -618,8 +616,7 @@ def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str,
         settings: ``key=value`` of all branches.
         more: One text per branch, ``key=value; key=value``; empty for one branch.
     """
-    each = [tuple(part.strip() for part in text.split(SEPARATOR) if part.strip()) for text in more]
-    return [(*settings, *own) for own in each or [()]]
+    return [(*settings, *own) for own in map(split_settings, more or [""])]
 
 
 def _is_log(path: Path) -> bool:
