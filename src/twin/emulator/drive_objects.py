@@ -171,6 +171,9 @@ class ObjectDictionary:
         """Set an object from inside, whatever its access."""
         self._values[index, sub] = value
 
+    def __contains__(self, key: Key) -> bool:
+        return key in self._objects
+
     def find(self, index: int, sub: int) -> DriveObject:
         """The object of an index and subindex.
 
@@ -378,9 +381,12 @@ class Pdos:
         return sent
 
     def _sample(self, number: int) -> bytes:
-        """The present data of a transmit PDO."""
-        entries = self._entries(0x1A00 + number)
-        return b"".join(self._store.read(index, sub) for index, sub, _ in entries)
+        """The present data of a transmit PDO, with zeros for an entry without an object."""
+        store = self._store
+        return b"".join(
+            store.read(index, sub) if (index, sub) in store else bytes(size)
+            for index, sub, size in self._entries(0x1A00 + number)
+        )
 
     def _parameters(self, index: int) -> tuple[int | None, int]:
         """Identifier of a PDO, None if it is off, and its transmission type."""
@@ -388,21 +394,21 @@ class Pdos:
         return None if cob_id & _INVALID else cob_id & 0x7FF, self._store.get(index, 2)
 
     def _entries(self, index: int) -> Iterator[tuple[int, int, int]]:
+        """Index, subindex and bytes of each entry of a mapping; an empty one has no bytes."""
         for sub in range(1, self._store.get(index, 0) + 1):
             entry = self._store.get(index, sub)
             yield entry >> 16, entry >> 8 & 0xFF, (entry & 0xFF) // 8
 
     def _apply(self, number: int, data: bytes) -> None:
-        at = 0
+        at, store, changed = 0, self._store, list[Key]()
         # Values first: a control word must not enable with the target of an earlier cycle.
-        entries = list(self._entries(0x1600 + number))
-        for index, sub, size in entries:
-            value = int.from_bytes(
-                data[at : at + size], "little", signed=self._store.find(index, sub).signed
-            )
-            self._store.set(index, sub, value)
+        for index, sub, size in self._entries(0x1600 + number):
+            if (index, sub) in store:
+                signed = store.find(index, sub).signed
+                store.set(index, sub, int.from_bytes(data[at : at + size], "little", signed=signed))
+                changed.append((index, sub))
             at += size
-        for index, sub, _ in entries:
+        for index, sub in changed:
             self._written(index, sub)
 
 
