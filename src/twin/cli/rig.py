@@ -281,8 +281,9 @@ def _virtual_bus(
     nodes = nodes or (1, 2)
     if len(nodes) != 2:
         raise RigError("--node: a plate has two drives, of phi and theta; name two nodes")
-    plain = [ProfileDrive(node, ShaftLoad()) for node in nodes]
-    drives = plain if kind == "cia402" else [EmulatedDrive(node) for node in nodes]
+    drives: list[EmulatedDrive | ProfileDrive[ShaftLoad]] = [
+        EmulatedDrive(node) if kind == "akd" else ProfileDrive(node, ShaftLoad()) for node in nodes
+    ]
     return VirtualRig(load(scenario, overrides), Protocol(protocol), drives, name)
 
 
