@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from twin.base.data_file import read_packaged
 
+UNKNOWN_COMMAND = 0x05040001
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
 READ_ONLY = 0x06010002
@@ -28,8 +29,10 @@ AKD_MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
 PDO_ENTRIES = 8
 """Most entries of a PDO."""
 
-_INVALID = 1 << 31
-_PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
+INVALID = 1 << 31
+"""Bit of a COB-ID: what has it is off."""
+PDO_PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
+"""Indices of the communication parameters of PDOs."""
 _FIRST_TRANSMIT = 0x1800
 
 
@@ -232,13 +235,13 @@ class ObjectDictionary:
 
     def _check_pdo(self, index: int, sub: int, value: int) -> None:
         """CiA 301's order: switch the PDO off, count to 0, entries, count, switch it on."""
-        if index in _PARAMETERS and sub == 1:
-            off = self.get(index, 1) & _INVALID or value & _INVALID
+        if index in PDO_PARAMETERS and sub == 1:
+            off = self.get(index, 1) & INVALID or value & INVALID
             if not off and self.get(index, 1) != value:
                 raise AbortError(NOT_NOW)
-        if index - 0x200 not in _PARAMETERS:
+        if index - 0x200 not in PDO_PARAMETERS:
             return
-        if not self.get(index - 0x200, 1) & _INVALID:
+        if not self.get(index - 0x200, 1) & INVALID:
             raise AbortError(NOT_NOW)
         if sub == 0:
             if value > PDO_ENTRIES:
@@ -284,7 +287,6 @@ class ObjectStore(ObjectDictionary):
 
 
 _HEAD = struct.Struct("<BHB")
-_UNKNOWN_COMMAND = 0x05040001
 
 _TOO_SHORT, _TOO_LONG = 0x8210, 0x8220
 _SYNCHRONOUS = 240
@@ -323,7 +325,7 @@ def sdo_answer(
             store.write(index, sub, request[4 : 4 + size])
             written(index, sub)
             return _HEAD.pack(0x60, index, sub) + bytes(4)
-        raise AbortError(_UNKNOWN_COMMAND)
+        raise AbortError(UNKNOWN_COMMAND)
     except AbortError as refusal:
         return _HEAD.pack(0x80, index, sub) + struct.pack("<I", refusal.code)
 
@@ -391,7 +393,7 @@ class Pdos:
     def _parameters(self, index: int) -> tuple[int | None, int]:
         """Identifier of a PDO, None if it is off, and its transmission type."""
         cob_id = self._store.get(index, 1)
-        return None if cob_id & _INVALID else cob_id & 0x7FF, self._store.get(index, 2)
+        return None if cob_id & INVALID else cob_id & 0x7FF, self._store.get(index, 2)
 
     def _entries(self, index: int) -> Iterator[tuple[int, int, int]]:
         """Index, subindex and bytes of each entry of a mapping; an empty one has no bytes."""
