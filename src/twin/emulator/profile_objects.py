@@ -251,7 +251,7 @@ class EventPdos(Pdos):
             record, since = 0x1800 + number, self._since[number] + 1e-9
             inhibited = self._last[number] is not None and since < self._store.get(record, 3) * 1e-4
             timer = self._store.get(record, 5) / 1e3
-            changed = self._sample(number) != self._last[number] and not inhibited
+            changed = not inhibited and self._sample(number) != self._last[number]
             if changed or (timer and since >= timer):
                 sent.append(self._send(number, cob_id))
         return sent
