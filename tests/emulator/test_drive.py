@@ -249,6 +249,35 @@ def test_a_synchronous_pdo_waits_for_the_sync(drive):
     assert drive.state is Power.READY
 
 
+@pytest.mark.parametrize("kind", [1, 255])
+def test_an_empty_entry_of_a_pdo_carries_nothing(drive, kind):
+    for index, cob_id, entry in ((0x1400, 0x205, 0x60400010), (0x1800, 0x185, 0x60410010)):
+        write(drive, index, 1, 1 << 31 | cob_id, 4)
+        write(drive, index, 2, 1 if index == 0x1800 else kind, 1)
+        write(drive, index + 0x200, 0, 0, 1)
+        write(drive, index + 0x200, 1, 0, 4)
+        write(drive, index + 0x200, 2, entry, 4)
+        write(drive, index + 0x200, 0, 3, 1)
+        write(drive, index, 1, cob_id, 4)
+    drive.receive(Frame(0, bytes((1, NODE))))
+    assert drive.receive(Frame(0x205, b"\x06\0")) == []
+    first = b"\x50\x02" if kind == 1 else b"\x31\x02"
+    assert drive.receive(Frame(0x080)) == [Frame(0x185, first)]
+    assert drive.receive(Frame(0x080)) == [Frame(0x185, b"\x31\x02")]
+    assert drive.state is Power.READY
+
+
+def test_an_entry_without_an_object_has_its_room_in_a_pdo(drive):
+    for index, entry in ((0x1600, 0x60400010), (0x1A00, 0x60410010)):
+        drive.store.set(index, 0, 2)
+        drive.store.set(index, 1, 0x5FFF0010)
+        drive.store.set(index, 2, entry)
+    drive.store.set(0x1800, 2, 1)
+    drive.receive(Frame(0, bytes((1, NODE))))
+    drive.receive(Frame(0x200 + NODE, b"\xff\xff\x06\0"))
+    assert drive.receive(Frame(0x080)) == [Frame(0x180 + NODE, b"\0\0\x31\x02")]
+
+
 def test_a_pdo_that_is_too_short_is_refused_with_an_emergency(drive):
     drive.receive(Frame(0, bytes((1, NODE))))
     (sent,) = drive.receive(Frame(0x500 + NODE, b"\x06\0\0"))

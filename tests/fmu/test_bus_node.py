@@ -213,6 +213,24 @@ def test_pdos_go_with_sync_and_the_motor_follows_as_in_the_emulator(drive):
     assert min(positions) < 0 < max(positions)  # the counter has wrapped
 
 
+def test_empty_entries_of_pdos_are_skipped_as_in_the_emulator(drive):
+    pair = Pair(drive)
+    bring_up(pair)
+    for number, first in ((0x1400, 0x60FF0020), (0x1800, 0x60640020), (0x1801, 0)):
+        cob_id = OBJECTS[number, 1].default
+        assert pair.write(number, 1, cob_id | 1 << 31, 4) == 0
+        assert pair.write(number + 0x200, 0, 0, 1) == 0
+        assert pair.write(number + 0x200, 1, first, 4) == 0
+        assert pair.write(number + 0x200, 2, 0, 4) == 0
+        assert pair.write(number + 0x200, 0, 2, 1) == 0
+        assert pair.write(number, 1, cob_id, 4) == 0
+    pair.exchange(*ENABLE)
+    sent = pair.exchange(Frame(0x200 + NODE, struct.pack("<i", 9000)), SYNC)
+    assert [(each.cob_id, len(each.data)) for each in sent] == [(0x180 + NODE, 4)]
+    assert pair.exchange(SYNC)[1] == Frame(0x280 + NODE)
+    assert pair.node.get("rate") == pair.twin.rate == pytest.approx(9000 * VELOCITY_UNIT)
+
+
 def test_receive_pdos_that_wait_for_a_sync_are_applied_in_the_order_of_their_first_frames(drive):
     pair = Pair(drive)
     for number in (0x1400, 0x1403):

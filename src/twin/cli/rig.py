@@ -147,7 +147,6 @@ def request(word: str) -> str:
     "--drive",
     "kind",
     type=click.Choice(["akd", "cia402"]),
-    default="akd",
     help="Drives: AKD, or plain drives of CiA 402 with an EDS of their own [akd].",
 )
 @click.option(
@@ -187,7 +186,7 @@ def request(word: str) -> str:
 def emulate(
     scenario: str,
     overrides: tuple[str, ...],
-    kind: str,
+    kind: str | None,
     mechanism: str,
     bus: str,
     nodes: tuple[int, ...],
@@ -211,11 +210,14 @@ def emulate(
     from twin.emulator.serve import VirtualRig, come_forward
 
     if eds is not None:
+        if kind == "akd":
+            raise RigError("--eds: is of --drive cia402; that of an AKD is from its maker")
         from twin.emulator.profile_eds import eds_text
 
         write_whole(eds, eds_text())
         say(f"written to {eds}")
         return 0
+    kind = kind or "akd"
     own_host = kind == "akd" and not bus.startswith("udp_multicast")
     if file is not None and not own_host:
         raise RigError("--write: this program's host drives AKD only, and not over udp_multicast")
@@ -279,8 +281,9 @@ def _virtual_bus(
     nodes = nodes or (1, 2)
     if len(nodes) != 2:
         raise RigError("--node: a plate has two drives, of phi and theta; name two nodes")
-    plain = [ProfileDrive(node, ShaftLoad()) for node in nodes]
-    drives = plain if kind == "cia402" else [EmulatedDrive(node) for node in nodes]
+    drives: list[EmulatedDrive | ProfileDrive[ShaftLoad]] = [
+        EmulatedDrive(node) if kind == "akd" else ProfileDrive(node, ShaftLoad()) for node in nodes
+    ]
     return VirtualRig(load(scenario, overrides), Protocol(protocol), drives, name)
 
 

@@ -117,6 +117,17 @@ def in_words(device: str, number: int, **about: str) -> str | None:
     return None if words is None else str(words.format(**about))
 
 
+def error_number(error: BaseException | None) -> int:
+    """The operating system's number of an error, wherever libraries have wrapped it; 0 for none."""
+    while error is not None:
+        candidates = getattr(error, "errno", None), getattr(error, "error_code", None), *error.args
+        number = next((each for each in candidates if isinstance(each, int)), None)
+        if number is not None:
+            return number
+        error = error.__cause__ or error.__context__
+    return 0
+
+
 def one_line(error: Exception) -> str:
     """The message of a library's error, in one line."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 import can
 
 from twin.base.errors import RigError, nearest
-from twin.devices.common import in_words, one_line
+from twin.devices.common import error_number, in_words, one_line
 from twin.emulator.can_bus import EmulatedBus, Passing, message, nothing
 from twin.emulator.drive_objects import Frame
 
@@ -88,22 +88,12 @@ def open_bus(name: BusName) -> can.BusABC:
     try:
         return can.Bus(interface=name.interface, **options)
     except Exception as error:
-        why = in_words("bus", _errno(error), channel=name.channel) or one_line(error)
+        why = in_words("bus", error_number(error), channel=name.channel) or one_line(error)
         if name.interface == "udp_multicast" and isinstance(
             error, can.CanInterfaceNotImplementedError
         ):
             why = f"{why}; pip install 'python-can[multicast]'"
         raise RigError(f"--bus {name}: cannot be opened: {why}") from error
-
-
-def _errno(error: BaseException | None) -> int:
-    """The system's error number, wherever libraries have wrapped it; 0 for none."""
-    while error is not None:
-        for number in (getattr(error, "errno", None), getattr(error, "error_code", None)):
-            if isinstance(number, int):
-                return number
-        error = error.__cause__ or error.__context__
-    return 0
 
 
 class BusPort:

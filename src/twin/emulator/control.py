@@ -40,6 +40,8 @@ WORDS = (
     "clear",
 )
 """What a line may be; NUMBER, INDEX, CODE and ID are decimal, or hexadecimal with 0x."""
+_USAGE = {each.split()[0]: f"how: {each}" for each in WORDS}
+"""How a line is written, by its first word."""
 
 _LARGEST_LINE_BYTES = 200
 
@@ -77,10 +79,10 @@ class BusControl:
                 return "frames pass as sent"
             case [("drop" | "delay" | "repeat" | "cut") as what, identifier, *numbers]:
                 return self._damage(what, _identifier(identifier), numbers)
-            case [_, node, *_] if words[0] in {each.split()[0] for each in WORDS}:
+            case [word, node, *_] if word in _USAGE:
                 return self._drive(node, words)
-        if words and words[0] in {each.split()[0] for each in WORDS}:
-            raise ControlError(_usage(words[0]))
+            case [word, *_] if word in _USAGE:
+                raise ControlError(_USAGE[word])
         raise UnknownLineError(f"known: {'; '.join(WORDS)}")
 
     def _damage(self, what: str, identifier: int | None, numbers: list[str]) -> str:
@@ -95,7 +97,7 @@ class BusControl:
             case "cut", [size, seconds]:
                 faults.truncate(identifier, to=_whole(size, 0, 8), lasting=_real(seconds))
             case _:
-                raise ControlError(_usage(what))
+                raise ControlError(_USAGE[what])
         named = "all frames" if identifier is None else f"frames {identifier:03X}h"
         return f"{named}: {what} {' '.join(numbers)} s"
 
@@ -140,7 +142,7 @@ class BusControl:
             case ["torque", torque]:
                 _load(drive).external = _real(torque, -10.0, 10.0)
             case _:
-                raise ControlError(_usage(words[0]))
+                raise ControlError(_USAGE[words[0]])
 
 
 def _state(drive: EmulatedNode) -> dict[str, object]:
@@ -166,10 +168,6 @@ def _load(drive: EmulatedNode) -> InertiaLoad:
     if not isinstance(load, InertiaLoad):
         raise ControlError(f"node {drive.node}: turns a plate, not an inertia of its own")
     return load
-
-
-def _usage(word: str) -> str:
-    return f"how: {next(each for each in WORDS if each.split()[0] == word)}"
 
 
 def _whole(text: str, low: int, high: int) -> int:

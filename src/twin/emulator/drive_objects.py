@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from twin.base.data_file import read_packaged
 
+UNKNOWN_COMMAND = 0x05040001
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
 READ_ONLY = 0x06010002
@@ -28,8 +29,10 @@ AKD_MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
 PDO_ENTRIES = 8
 """Most entries of a PDO."""
 
-_INVALID = 1 << 31
-_PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
+INVALID = 1 << 31
+"""Bit of a COB-ID: what has it is off."""
+PDO_PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
+"""Indices of the communication parameters of PDOs."""
 _FIRST_TRANSMIT = 0x1800
 
 
@@ -171,6 +174,9 @@ class ObjectDictionary:
         """Set an object from inside, whatever its access."""
         self._values[index, sub] = value
 
+    def __contains__(self, key: Key) -> bool:
+        return key in self._objects
+
     def find(self, index: int, sub: int) -> DriveObject:
         """The object of an index and subindex.
 
@@ -229,13 +235,13 @@ class ObjectDictionary:
 
     def _check_pdo(self, index: int, sub: int, value: int) -> None:
         """CiA 301's order: switch the PDO off, count to 0, entries, count, switch it on."""
-        if index in _PARAMETERS and sub == 1:
-            off = self.get(index, 1) & _INVALID or value & _INVALID
+        if index in PDO_PARAMETERS and sub == 1:
+            off = self.get(index, 1) & INVALID or value & INVALID
             if not off and self.get(index, 1) != value:
                 raise AbortError(NOT_NOW)
-        if index - 0x200 not in _PARAMETERS:
+        if index - 0x200 not in PDO_PARAMETERS:
             return
-        if not self.get(index - 0x200, 1) & _INVALID:
+        if not self.get(index - 0x200, 1) & INVALID:
             raise AbortError(NOT_NOW)
         if sub == 0:
             if value > PDO_ENTRIES:
@@ -281,7 +287,6 @@ class ObjectStore(ObjectDictionary):
 
 
 _HEAD = struct.Struct("<BHB")
-_UNKNOWN_COMMAND = 0x05040001
 
 _TOO_SHORT, _TOO_LONG = 0x8210, 0x8220
 _SYNCHRONOUS = 240
@@ -320,7 +325,7 @@ def sdo_answer(
             store.write(index, sub, request[4 : 4 + size])
             written(index, sub)
             return _HEAD.pack(0x60, index, sub) + bytes(4)
-        raise AbortError(_UNKNOWN_COMMAND)
+        raise AbortError(UNKNOWN_COMMAND)
     except AbortError as refusal:
         return _HEAD.pack(0x80, index, sub) + struct.pack("<I", refusal.code)
 
@@ -378,31 +383,34 @@ class Pdos:
         return sent
 
     def _sample(self, number: int) -> bytes:
-        """The present data of a transmit PDO."""
-        entries = self._entries(0x1A00 + number)
-        return b"".join(self._store.read(index, sub) for index, sub, _ in entries)
+        """The present data of a transmit PDO, with zeros for an entry without an object."""
+        store = self._store
+        return b"".join(
+            store.read(index, sub) if (index, sub) in store else bytes(size)
+            for index, sub, size in self._entries(0x1A00 + number)
+        )
 
     def _parameters(self, index: int) -> tuple[int | None, int]:
         """Identifier of a PDO, None if it is off, and its transmission type."""
         cob_id = self._store.get(index, 1)
-        return None if cob_id & _INVALID else cob_id & 0x7FF, self._store.get(index, 2)
+        return None if cob_id & INVALID else cob_id & 0x7FF, self._store.get(index, 2)
 
     def _entries(self, index: int) -> Iterator[tuple[int, int, int]]:
+        """Index, subindex and bytes of each entry of a mapping; an empty one has no bytes."""
         for sub in range(1, self._store.get(index, 0) + 1):
             entry = self._store.get(index, sub)
             yield entry >> 16, entry >> 8 & 0xFF, (entry & 0xFF) // 8
 
     def _apply(self, number: int, data: bytes) -> None:
-        at = 0
+        at, store, changed = 0, self._store, list[Key]()
         # Values first: a control word must not enable with the target of an earlier cycle.
-        entries = list(self._entries(0x1600 + number))
-        for index, sub, size in entries:
-            value = int.from_bytes(
-                data[at : at + size], "little", signed=self._store.find(index, sub).signed
-            )
-            self._store.set(index, sub, value)
+        for index, sub, size in self._entries(0x1600 + number):
+            if (index, sub) in store:
+                signed = store.find(index, sub).signed
+                store.set(index, sub, int.from_bytes(data[at : at + size], "little", signed=signed))
+                changed.append((index, sub))
             at += size
-        for index, sub, _ in entries:
+        for index, sub in changed:
             self._written(index, sub)
 
 

@@ -12,7 +12,7 @@ from collections import deque
 from functools import partial
 from typing import Generic, TypeVar
 
-from twin.emulator.drive_objects import AbortError, Frame, Heartbeats, Key
+from twin.emulator.drive_objects import INVALID, AbortError, Frame, Heartbeats, Key
 from twin.emulator.load import Inertia, InertiaLoad, ShaftLoad
 from twin.emulator.node import OPERATIONAL, EmulatedNode
 from twin.emulator.power_stage import MASTER_SILENT, Power
@@ -25,7 +25,6 @@ from twin.emulator.profile_modes import (
     Motion,
 )
 from twin.emulator.profile_objects import (
-    INVALID,
     NO_DATA,
     EventPdos,
     ProfileObjects,

@@ -80,9 +80,8 @@ def _head() -> Iterator[str]:
 
 def _index(index: int, entries: dict[int, DriveObject]) -> Iterator[str]:
     """The sections of an index with its subindices."""
-    names = {kind: profile_table()[kind] for kind in ("arrays", "records")}
     for kind, number in (("arrays", _ARRAY), ("records", _RECORD)):
-        if name := names[kind].get(f"{index:04X}"):
+        if name := profile_table()[kind].get(f"{index:04X}"):
             section = {"ParameterName": name, "ObjectType": f"0x{number:X}"}
             yield from _section(f"{index:04X}", **section, SubNumber=len(entries))
             for sub, each in sorted(entries.items()):

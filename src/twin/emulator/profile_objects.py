@@ -14,9 +14,12 @@ from typing import Any
 
 from twin.base.data_file import read_packaged
 from twin.emulator.drive_objects import (
+    INVALID,
     NOT_NOW,
     OUT_OF_RANGE,
+    PDO_PARAMETERS,
     READ_ONLY,
+    UNKNOWN_COMMAND,
     WRONG_LENGTH,
     AbortError,
     Frame,
@@ -27,17 +30,14 @@ from twin.emulator.drive_objects import (
     sdo_answer,
 )
 
-TOGGLE_ERROR, UNKNOWN_COMMAND = 0x05030000, 0x05040001
+TOGGLE_ERROR = 0x05030000
 NOT_STORED, NO_DATA = 0x08000020, 0x08000024
 SAVE, LOAD = 0x65766173, 0x64616F6C
 """Signatures that 1010h and 1011h take: the texts ``save`` and ``load``."""
-NO_REMOTE, INVALID = 1 << 30, 1 << 31
-"""Bits of a COB-ID."""
+NO_REMOTE = 1 << 30
+"""Bit of a COB-ID: no remote request is answered."""
 
-_COB_IDS = {(base + number, 1) for base in (0x1400, 0x1800) for number in range(4)} | {
-    (0x1005, 0),
-    (0x1014, 0),
-}
+_COB_IDS = {*((index, 1) for index in PDO_PARAMETERS), (0x1005, 0), (0x1014, 0)}
 _NEVER_STORED = {0x1003, 0x1010, 0x1011, 0x6040, 0x607A, 0x60FF}
 _RESTRICTED = (
     range(0x001), range(0x001, 0x080), range(0x101, 0x181), range(0x581, 0x600),
@@ -90,7 +90,7 @@ class ProfileObjects(ObjectDictionary):
         signature = {0x1010: SAVE, 0x1011: LOAD}.get(index)
         if signature is not None and value != signature:
             raise AbortError(NOT_STORED)
-        if index - 0x1400 in range(4) or index - 0x1800 in range(4):
+        if index in PDO_PARAMETERS:
             if sub == 2 and value in range(241, 254):
                 raise AbortError(OUT_OF_RANGE)
             if sub == 3 and not self.get(index, 1) & INVALID:
@@ -251,7 +251,7 @@ class EventPdos(Pdos):
             record, since = 0x1800 + number, self._since[number] + 1e-9
             inhibited = self._last[number] is not None and since < self._store.get(record, 3) * 1e-4
             timer = self._store.get(record, 5) / 1e3
-            changed = self._sample(number) != self._last[number] and not inhibited
+            changed = not inhibited and self._sample(number) != self._last[number]
             if changed or (timer and since >= timer):
                 sent.append(self._send(number, cob_id))
         return sent

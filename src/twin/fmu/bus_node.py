@@ -5,9 +5,6 @@ Low cut: frames go over the bus as operations in bytes. The objects are those of
 
 from __future__ import annotations
 
-import hashlib
-import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,18 +12,16 @@ from typing import Any
 from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError, nearest
 from twin.base.page import render_template
-from twin.base.writing import write_whole
 from twin.emulator import drive
 from twin.emulator.drive_objects import AKD_MODES, PDO_ENTRIES, drive_objects, emergency_code
 from twin.fmu.export import (
     TEMPLATE_FOLDER,
     Bus,
     Variable,
+    add_token,
     c_name,
-    compile_binary,
-    model_description,
     read_sources,
-    write_archive,
+    write_fmu,
 )
 from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 
@@ -36,6 +31,8 @@ MIME_TYPE = 'application/org.fmi-standard.fmi-ls-bus.can; version="1.0.0"'
 """Type of the operations of a CAN bus."""
 CAN_BUS = Bus("can", MIME_TYPE, 8192)
 """The bus of a drive; ``OPERATION_BYTES`` of the C source is its largest size."""
+DESCRIPTION = "AKD-like CiA 402 drive on CANopen, a node of a simulated CAN bus (FMI-LS-BUS 1.0)."
+"""Description of the FMU."""
 STEP_S = 0.001
 """Communication step in s that the description proposes: an answer is one step delayed."""
 DURATION_S = 1.0
@@ -76,24 +73,23 @@ def export_drive(path: Path, kind: str) -> str:
     if kind not in DRIVE_KINDS:
         raise TwinError(f"{kind}: no drive that can be exported{nearest(kind, DRIVE_KINDS)}")
     variables = [Variable(**each) for each in read_packaged("twin.fmu", "drive.toml")["variable"]]
-    source, token = make_sources(variables)
-    compiled = [name for name in source if name.endswith(".c")]
-    name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
-    content: dict[str, str | bytes] = {f"sources/{file}": source[file] for file in source}
-    about = "AKD-like CiA 402 drive on CANopen, a node of a simulated CAN bus (FMI-LS-BUS 1.0)."
-    names: dict[str, Any] = {"name": name, "token": token, "compiled": compiled}
-    names["description"] = about
-    times = {"step": STEP_S, "duration": DURATION_S}
-    content |= model_description(variables, fmi=3, bus=CAN_BUS, **names, **times)
     terminals = render_template(TEMPLATE_FOLDER / "terminalsAndIcons.xml.j2", bus=CAN_BUS)
     manifest = (TEMPLATE_FOLDER / "bus-manifest.xml").read_text(encoding="utf-8")
-    content |= {
+    more = {
         "terminalsAndIcons/terminalsAndIcons.xml": terminals,
         f"{MANIFEST_FOLDER}/fmi-ls-manifest.xml": manifest,
     }
-    binary, lacking = compile_binary(source, name, 3)
-    write_whole(path, lambda temporary: write_archive(temporary, content | binary))
-    return lacking
+    return write_fmu(
+        path,
+        variables,
+        *make_sources(variables),
+        more,
+        fmi=3,
+        bus=CAN_BUS,
+        description=DESCRIPTION,
+        step=STEP_S,
+        duration=DURATION_S,
+    )
 
 
 def make_sources(variables: Sequence[Variable]) -> tuple[dict[str, str], str]:
@@ -102,10 +98,7 @@ def make_sources(variables: Sequence[Variable]) -> tuple[dict[str, str], str]:
     Args:
         variables: In the order of their value references.
     """
-    written = read_sources(*NODE_SOURCES)
-    bare = written | _object_sources(variables, 16 * "0")
-    token = hashlib.sha256(json.dumps(bare).encode()).hexdigest()[:32]
-    return written | _object_sources(variables, token), token
+    return add_token(read_sources(*NODE_SOURCES), lambda token: _object_sources(variables, token))
 
 
 def _object_sources(variables: Sequence[Variable], token: str) -> dict[str, str]:

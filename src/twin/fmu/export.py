@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -312,18 +312,56 @@ def export(
     for key in changed_in_vain(scenario, unfollowed):
         raise ScenarioError(f"{key}: {PARTS['source']} {unfollowed[key]}")
     held = variables(scenario, frame_phase(scenario), path=wished)
-    source, token = sources(scenario, held, fmi)
+    return write_fmu(
+        path,
+        held,
+        *sources(scenario, held, fmi),
+        {f"{REFERENCE_FOLDER}/{file}": text for file, text in reference(quiet).items()},
+        fmi=fmi,
+        description=f"Rig of: {scenario.title}. {RIG_PARTS}",
+        step=scenario.rig.period,
+        duration=scenario.duration,
+    )
+
+
+def write_fmu(
+    path: Path,
+    variables: Sequence[Variable],
+    source: Mapping[str, str],
+    token: str,
+    more: Mapping[str, str],
+    *,
+    fmi: int,
+    **about: Any,
+) -> str:
+    """Write an FMU: descriptions, C source, and a binary where one can be made.
+
+    Args:
+        path: The file; its name without the ending names the model.
+        variables: In the order of their value references.
+        source: The C source by the names of its files.
+        token: By which FMU and description know each other.
+        more: All other files of the archive, by name.
+        fmi: 2 or 3.
+        about: The rest of `model_description`.
+
+    Returns:
+        Why there is no binary in it, in words; empty if there is one.
+
+    Raises:
+        TwinError: If the file cannot be written.
+    """
     compiled = [name for name in source if name.endswith(".c")]
     name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
-    content: dict[str, str | bytes] = {f"sources/{file}": source[file] for file in source}
-    about = f"Rig of: {scenario.title}. {RIG_PARTS}"
-    names: dict[str, Any] = {"name": name, "token": token, "compiled": compiled}
-    names["description"] = about
-    times = {"step": scenario.rig.period, "duration": scenario.duration}
-    content |= model_description(held, fmi=fmi, **names, **times)
-    content |= {f"{REFERENCE_FOLDER}/{file}": text for file, text in reference(quiet).items()}
+    about |= {"name": name, "token": token, "compiled": compiled}
     binary, lacking = compile_binary(source, name, fmi)
-    write_whole(path, lambda temporary: write_archive(temporary, content | binary))
+    content: dict[str, str | bytes] = {
+        **{f"sources/{file}": text for file, text in source.items()},
+        **model_description(variables, fmi=fmi, **about),
+        **more,
+        **binary,
+    }
+    write_whole(path, lambda temporary: write_archive(temporary, content))
     return lacking
 
 
@@ -339,13 +377,25 @@ def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dic
     friction = build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map.grids[0]
     path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
-    bare = written | c_source(scenario, held, 16 * "0", surface, path)
+    return add_token(written, lambda token: c_source(scenario, held, token, surface, path))
+
+
+def add_token(
+    written: Mapping[str, str], make: Callable[[str], Mapping[str, str]]
+) -> tuple[dict[str, str], str]:
+    """All C source by the names of its files, and its token, a hash of it.
+
+    Args:
+        written: The files without the token.
+        make: The files with a token.
+    """
+    bare = {**written, **make(16 * "0")}
     token = hashlib.sha256(json.dumps(bare).encode()).hexdigest()[:32]
-    return written | c_source(scenario, held, token, surface, path), token
+    return {**written, **make(token)}, token
 
 
 def read_sources(*names: str) -> dict[str, str]:
-    """C source that stands in this package, by the names of its files."""
+    """C source of this package, by the names of its files."""
     folder = files("twin.fmu") / "c"
     return {name: (folder / name).read_text(encoding="utf-8") for name in names}
 

@@ -28,7 +28,7 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import BusConfig
-from twin.devices.common import FaultReports, claim, in_words, one_line
+from twin.devices.common import FaultReports, claim, error_number, in_words, one_line
 
 BUS_ERRORS = (can.CanError, OSError)
 """What python-can and the drivers below it raise when an adapter goes."""
@@ -337,23 +337,12 @@ def open_bus(config: BusConfig) -> can.BusABC:
 
 
 def _reason(config: BusConfig, error: Exception) -> str:
-    known = in_words("bus", _errno(error) or 0, channel=config.channel)
+    known = in_words("bus", error_number(error), channel=config.channel)
     if known is not None:
         return known
     if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
         return f"the driver of {config.interface} is not installed ({one_line(error)})"
     return one_line(error)
-
-
-def _errno(error: BaseException | None) -> int | None:
-    """The system's error number, wherever the libraries have wrapped it."""
-    while error is not None:
-        candidates = getattr(error, "errno", None), getattr(error, "error_code", None), *error.args
-        number = next((each for each in candidates if isinstance(each, int)), None)
-        if number is not None:
-            return number
-        error = error.__cause__ or error.__context__
-    return None
 
 
 def _bad(config: BusConfig, detail: str) -> DriveError:

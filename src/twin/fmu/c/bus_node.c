@@ -110,24 +110,13 @@ static void reset(State *state) {
     show_outputs(state);
 }
 
-EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
-
-EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n,
-                                      const fmi3String categories[]) {
-    (void)instance, (void)on, (void)n, (void)categories; /* errors are always logged */
-    return fmi3OK;
-}
-
 EXPORT fmi3Instance fmi3InstantiateCoSimulation(
     fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
     fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early,
     const fmi3ValueReference intermediate[], size_t n, fmi3InstanceEnvironment host,
     fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update) {
-    if (!token || strcmp(token, TOKEN) != 0) {
-        if (log)
-            log(host, fmi3Error, "logStatusError", "this FMU has another instantiation token");
+    if (!fmi3_is_own_token(token, TOKEN, host, log))
         return NULL;
-    }
     Node *node = calloc(1, sizeof *node);
     if (!node)
         return NULL;

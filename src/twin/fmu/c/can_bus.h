@@ -45,7 +45,7 @@ void write_buffering(Operations *to); /* the bus repeats frames that lose arbitr
 void write_format_error(Operations *to, const uint8_t *operation, size_t size);
 
 /* The kind of the operation at the start of some bytes, and how many of them it has. The bytes of
-   an MALFORMED one belong in a format error. A frame is filled in for CAN_TRANSMIT. */
+   a MALFORMED one belong in a format error. A frame is filled in for CAN_TRANSMIT. */
 enum Operation read_operation(const uint8_t *bytes, size_t size, size_t *length, CanFrame *frame);
 
 uint32_t read_number(const uint8_t *bytes, size_t size); /* of up to 4 bytes, little-endian */

@@ -1,7 +1,6 @@
 /* The functions of FMI 3.0 for co-simulation of a rig. */
 
 #include <stdlib.h>
-#include <string.h>
 
 #include "fmi3.h"
 #include "instance.h"
@@ -27,14 +26,6 @@ fmi3Status fmi3_refuse(fmi3Instance instance, const char *what) {
 
 /* ---- From instantiation to the end ------------------------------------------------------------- */
 
-EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
-
-EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n,
-                                      const fmi3String categories[]) {
-    (void)instance, (void)on, (void)n, (void)categories; /* errors are always told */
-    return fmi3OK;
-}
-
 EXPORT fmi3Instance fmi3InstantiateCoSimulation(
     fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
     fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early,
@@ -42,11 +33,8 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(
     fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update) {
     (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early;
     (void)intermediate, (void)n, (void)update;
-    if (!token || strcmp(token, TOKEN) != 0) {
-        if (log)
-            log(host, fmi3Error, "logStatusError", "this FMU has another instantiation token");
+    if (!fmi3_is_own_token(token, TOKEN, host, log))
         return NULL;
-    }
     Own *own = calloc(1, sizeof *own);
     if (!own)
         return NULL;

@@ -45,6 +45,10 @@ typedef void (*fmi3ClockUpdateCallback)(fmi3InstanceEnvironment);
 typedef void (*fmi3LockPreemptionCallback)(void);
 typedef void (*fmi3UnlockPreemptionCallback)(void);
 
+/* Whether an instance is made with the token of this very FMU; logs a line if not. */
+int fmi3_is_own_token(fmi3String token, fmi3String own, fmi3InstanceEnvironment host,
+                      fmi3LogMessageCallback log);
+
 /* What each kind of FMU defines for the macros below; they log why they fail. */
 fmi3Status fmi3_refuse(fmi3Instance instance, const char *what); /* what it cannot do */
 fmi3Status fmi3_get(fmi3Instance instance, int type, fmi3ValueReference variable, double *value);

@@ -1,6 +1,26 @@
-/* The functions of FMI 3.0 that no FMU of this project has: they are there and refuse. */
+/* The functions of FMI 3.0 that all FMUs of this project have alike; most of them refuse. */
+
+#include <string.h>
 
 #include "fmi3.h"
+
+/* ---- Alike in all FMUs ------------------------------------------------------------------------- */
+
+EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
+
+EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n,
+                                      const fmi3String categories[]) {
+    (void)instance, (void)on, (void)n, (void)categories; /* errors are always logged */
+    return fmi3OK;
+}
+
+int fmi3_is_own_token(fmi3String token, fmi3String own, fmi3InstanceEnvironment host,
+                      fmi3LogMessageCallback log) {
+    int is_own = token && strcmp(token, own) == 0;
+    if (!is_own && log)
+        log(host, fmi3Error, "logStatusError", "this FMU has another instantiation token");
+    return is_own;
+}
 
 /* ---- Other kinds of FMU ------------------------------------------------------------------------ */
 
