@@ -697,7 +697,7 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
 
     Args:
         found: The tilt about the axis in deg.
-        foot: Its entry of ``FEET``.
+        foot: Its entry of ``TILT_DIRECTIONS``.
     """
     from twin.identify.verdicts import IDENTIFIED_VERDICT
 
