@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import AXIS_OFFSET, CONTROL, ERROR_CODE, FAULTS, STATUS, Conversation
@@ -30,7 +31,6 @@ class Span(NamedTuple):
     begin: float
     end: float | None
     frame: int
-    word: int
 
 
 class Axis(NamedTuple):
@@ -63,10 +63,20 @@ class Axis(NamedTuple):
         return rising(self.controls, protocol.RESET)
 
 
-def axes(trace: Conversation) -> list[Axis]:
+_axes_of: WeakKeyDictionary[Conversation, tuple[Axis, ...]] = WeakKeyDictionary()
+"""The axes of traces in use, which nearly every family of findings needs."""
+
+
+def axes(trace: Conversation) -> tuple[Axis, ...]:
     """The axes of all drives of a trace."""
-    found = []
-    for (node, (index, sub)), changes in list(trace.observed.changes.items()):
+    if trace not in _axes_of:
+        _axes_of[trace] = tuple(_find_axes(trace))
+    return _axes_of[trace]
+
+
+def _find_axes(trace: Conversation) -> Iterator[Axis]:
+    """The axes whose status word is known."""
+    for (node, (index, sub)), changes in trace.observed.changes.items():
         number, offset = divmod(index - STATUS, AXIS_OFFSET)
         if offset or sub or not trace.is_drive(node):
             continue
@@ -77,10 +87,9 @@ def axes(trace: Conversation) -> list[Axis]:
                 continue
             if spans:
                 spans[-1] = spans[-1]._replace(end=each.time)
-            spans.append(Span(state, each.time, None, each.frame, each.value))
+            spans.append(Span(state, each.time, None, each.frame))
         controls = trace.observed.changes.get((node, (CONTROL + number * AXIS_OFFSET, 0)), [])
-        found.append(Axis(node, number + 1, spans, controls))
-    return found
+        yield Axis(node, number + 1, spans, controls)
 
 
 def find_faults(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
