@@ -295,9 +295,9 @@ class Conversation:
         """Error frames by what they say."""
         foreign, echoes = list_foreign(heard)
         self.observed = Observed(foreign=foreign)
+        """What the frames show, as data."""
         self.echoes = len(echoes)
         """Frames that the adapter handed back to its host; they are left out."""
-        """What the frames show, as data."""
         self.timed = timed
         """Whether the frames have times, or their numbers instead."""
         self._names = names or Names()
