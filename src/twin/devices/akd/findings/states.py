@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import AXIS_OFFSET, MODES, STATUS, Conversation
@@ -22,6 +22,8 @@ from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.findings.network import LEAVING, OBEY_S, was_commanded
 from twin.devices.akd.observed import Change
 from twin.devices.akd.protocol import DriveState
+
+Held = TypeVar("Held")
 
 FOLLOW_S = 0.1
 """Time in s for which a drive may not follow its cyclic command."""
@@ -141,7 +143,7 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
             )
             for index in MODES
         )
-        for begin, end, mode, wanted, frame in _mismatches(shown, given):
+        for begin, end, (mode, wanted, frame) in _stretches(_mismatches(shown, given)):
             span = axis.span_at(begin)
             enabled = span is not None and span.state is DriveState.OPERATION_ENABLED
             sudden = enabled and not any(begin - OBEY_S <= each.time <= begin for each in given)
@@ -165,22 +167,36 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
 
 def _mismatches(
     shown: Sequence[Change], given: Sequence[Change]
-) -> Iterator[tuple[float, float | None, int, int, int]]:
-    """Times at which a mode is not the given one: begin, end, mode, the given one, frame."""
+) -> Iterator[tuple[float, tuple[int, int, int] | None]]:
+    """At each change of a mode: mode, the given one and frame if these differ, else None."""
     mode: int | None = None
     wanted: int | None = None
-    found: tuple[float, int, int, int] | None = None
     changes = sorted([(each, True) for each in shown] + [(each, False) for each in given])
     for change, is_shown in changes:
         mode, wanted = (change.value, wanted) if is_shown else (mode, change.value)
-        differs = mode is not None and wanted is not None and mode != wanted
-        if found is not None and not differs:
-            yield found[0], change.time, *found[1:]
+        if mode is None or wanted is None or mode == wanted:
+            yield change.time, None
+        else:
+            yield change.time, (mode, wanted, change.frame)
+
+
+def _stretches(
+    seen: Iterable[tuple[float, Held | None]],
+) -> Iterator[tuple[float, float | None, Held]]:
+    """Where something stands: begin and end in s (None: to the end), and what it was at first.
+
+    Args:
+        seen: Times in s, and what stands from each on; None for nothing.
+    """
+    found: tuple[float, Held] | None = None
+    for time, what in seen:
+        if found is None and what is not None:
+            found = time, what
+        elif found is not None and what is None:
+            yield found[0], time, found[1]
             found = None
-        elif found is None and differs and mode is not None and wanted is not None:
-            found = change.time, mode, wanted, change.frame
     if found is not None:
-        yield found[0], None, *found[1:]
+        yield found[0], None, found[1]
 
 
 class Flag(NamedTuple):
@@ -225,7 +241,7 @@ def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
         for flag in FLAGS:
             times = [
                 each
-                for each in _times(trace, axis, words, flag)
+                for each in _stretches(_frames_of(trace, axis, words, flag))
                 if (trace.duration if each[1] is None else each[1]) - each[0] >= flag.after
             ]
             if not times:
@@ -245,25 +261,21 @@ def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
             )
 
 
-def _times(
+def _frames_of(
     trace: Conversation, axis: Axis, words: Sequence[Change], flag: Flag
-) -> Iterator[tuple[float, float | None, int]]:
-    """When a flag stands while the axis is enabled: begin, end in s, and frame."""
+) -> Iterator[tuple[float, int | None]]:
+    """At each status word: its frame if a flag stands while the axis is enabled, else None."""
     served = False
-    found: tuple[float, int] | None = None
     for each in words:
-        served |= bool(each.value & flag.mask)
-        mode = trace.mode(axis.node, axis.number, each.time)
-        stands = bool(each.value & flag.mask) is flag.set and served
-        stands &= protocol.state(each.value) is DriveState.OPERATION_ENABLED
-        stands &= not flag.modes or mode in flag.modes
-        if stands and found is None:
-            found = each.time, each.frame
-        elif not stands and found is not None:
-            yield found[0], each.time, found[1]
-            found = None
-    if found is not None:
-        yield found[0], None, found[1]
+        is_set = bool(each.value & flag.mask)
+        served |= is_set
+        stands = (
+            served
+            and is_set is flag.set
+            and protocol.state(each.value) is DriveState.OPERATION_ENABLED
+            and (not flag.modes or trace.mode(axis.node, axis.number, each.time) in flag.modes)
+        )
+        yield each.time, each.frame if stands else None
 
 
 def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
