@@ -189,6 +189,11 @@ def axis_of(index: int) -> tuple[int, int]:
     return _PROFILES_OBJECTS.start + offset, axis + 1
 
 
+def key_of_axis(index: int, axis: int) -> Key:
+    """The object of an axis, 1 for the first, that is like an object of the first axis."""
+    return index + (axis - 1) * AXIS_OFFSET, 0
+
+
 @dataclass
 class Node:
     """What a node did.
@@ -402,7 +407,7 @@ class Conversation:
         The mode that the drive displays counts, else the one that it is given.
         """
         for index in MODES:
-            changes = self.observed.changes.get((node, (index + (axis - 1) * AXIS_OFFSET, 0)), ())
+            changes = self.observed.changes.get((node, key_of_axis(index, axis)), ())
             shown = (each.value for each in reversed(changes) if each.time <= time)
             if (mode := next(shown, None)) is not None:
                 return mode

@@ -8,7 +8,15 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import AXIS_OFFSET, CONTROL, ERROR_CODE, FAULTS, STATUS, Conversation
+from twin.devices.akd.decoding import (
+    CONTROL,
+    ERROR_CODE,
+    FAULTS,
+    STATUS,
+    Conversation,
+    axis_of,
+    key_of_axis,
+)
 from twin.devices.akd.findings.finding import Finding, causes_of_error, plural, severity_at_end
 from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.observed import BUS, Change
@@ -77,8 +85,8 @@ def axes(trace: Conversation) -> tuple[Axis, ...]:
 def _find_axes(trace: Conversation) -> Iterator[Axis]:
     """The axes whose status word is known."""
     for (node, (index, sub)), changes in trace.observed.changes.items():
-        number, offset = divmod(index - STATUS, AXIS_OFFSET)
-        if offset or sub or not trace.is_drive(node):
+        base, number = axis_of(index)
+        if base != STATUS or sub or not trace.is_drive(node):
             continue
         spans = list[Span]()
         for each in changes:
@@ -88,8 +96,8 @@ def _find_axes(trace: Conversation) -> Iterator[Axis]:
             if spans:
                 spans[-1] = spans[-1]._replace(end=each.time)
             spans.append(Span(state, each.time, None, each.frame))
-        controls = trace.observed.changes.get((node, (CONTROL + number * AXIS_OFFSET, 0)), [])
-        yield Axis(node, number + 1, spans, controls)
+        controls = trace.observed.changes.get((node, key_of_axis(CONTROL, number)), [])
+        yield Axis(node, number, spans, controls)
 
 
 def find_faults(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -175,7 +183,7 @@ def _reports(
     for each in trace.observed.emergencies:
         if each.node == axis.node and each.code and soon <= each.time <= late:
             yield Report(each.words, each.code, each.frame)
-    key = ERROR_CODE + (axis.number - 1) * AXIS_OFFSET, 0
+    key = key_of_axis(ERROR_CODE, axis.number)
     for code in trace.observed.changes.get((axis.node, key), ()):
         if code.value and soon <= code.time <= end:
             yield Report(trace.words(axis.node, key, code.value), code.value, code.frame)

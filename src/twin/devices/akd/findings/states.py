@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import AXIS_OFFSET, MODES, STATUS, Conversation
+from twin.devices.akd.decoding import MODES, STATUS, Conversation, key_of_axis
 from twin.devices.akd.findings.drives import FAULTY, Axis, Span, axes, rising
 from twin.devices.akd.findings.finding import (
     Finding,
@@ -138,9 +138,7 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
     """Axes that display another mode of operation than they are given."""
     for axis in axes(trace) if trace.timed else ():
         shown, given = (
-            trace.observed.changes.get(
-                (axis.node, (index + (axis.number - 1) * AXIS_OFFSET, 0)), []
-            )
+            trace.observed.changes.get((axis.node, key_of_axis(index, axis.number)), [])
             for index in MODES
         )
         for begin, end, (mode, wanted, frame) in _stretches(_mismatches(shown, given)):
@@ -237,7 +235,7 @@ FLAGS = (
 def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """What the status word of an enabled axis warns of, by its mode of operation."""
     for axis in axes(trace):
-        words = trace.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
+        words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
         for flag in FLAGS:
             times = [
                 each
@@ -282,9 +280,8 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
     """Following errors in PDOs that leave the window of the drive, which the trace has."""
     flagged = {(each.node, each.axis) for each in known if each.code == "following-error"}
     for axis in axes(trace):
-        offset = (axis.number - 1) * AXIS_OFFSET
-        window = trace.values[axis.node].get((FOLLOWING_WINDOW + offset, 0))
-        series = trace.series.get((axis.node, (FOLLOWING_ERROR + offset, 0)))
+        window = trace.values[axis.node].get(key_of_axis(FOLLOWING_WINDOW, axis.number))
+        series = trace.series.get((axis.node, key_of_axis(FOLLOWING_ERROR, axis.number)))
         if not window or window == NO_WINDOW or series is None:
             continue
         outside = [k for k, count in enumerate(series.counts) if abs(count) > window]
@@ -309,7 +306,7 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
 def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Set-points that are not acknowledged or not reached, and homing that does not end."""
     for axis in axes(trace) if trace.timed else ():
-        words = trace.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
+        words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
         starts = rising(axis.controls, NEW_SETPOINT)
         for k, start in enumerate(starts):
             mode = trace.mode(axis.node, axis.number, start.time)
@@ -345,10 +342,10 @@ def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[F
 def _works_on(trace: Conversation, node: int, time: float) -> bool:
     """Whether an axis of a node is enabled at a time in s and for a while after it."""
     for axis in axes(trace):
-        span, key = axis.span_at(time), (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)
+        span = axis.span_at(time)
         if axis.node != node or span is None or span.state is not DriveState.OPERATION_ENABLED:
             continue
-        series = trace.series.get((node, key))
+        series = trace.series.get((node, key_of_axis(STATUS, axis.number)))
         shown = series.time[-1] if series and series.time else span.begin
         if min(shown, trace.duration if span.end is None else span.end) - time >= WORKS_ON_S:
             return True
