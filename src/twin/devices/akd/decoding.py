@@ -397,6 +397,15 @@ class Conversation:
             return f"{seconds:.0f} frames"
         return f"{1e3 * seconds:.3g} ms" if seconds < _SHORT_S else f"{seconds:.3g} s"
 
+    def end_of(self, end: float | None) -> float:
+        """When something was over, s; what has no such time stands to the end of the trace."""
+        return self.duration if end is None else end
+
+    def lasting(self, begin: float, end: float | None) -> str:
+        """How long something stands from a time in s to another, in words; None as `end_of`."""
+        when = "to the end of the trace, " if end is None else ""
+        return f"{when}for {self.span(self.end_of(end) - begin)}"
+
     def plate_object(self, node: int) -> Key | None:
         """The object of the plate's encoder in a node; None if no rig file names it."""
         return self._axes[node].plate_object if node in self._axes else None

@@ -113,7 +113,7 @@ def find_faults(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
 
 def _fault(trace: Conversation, axis: Axis, first: Span, until: float | None) -> Iterator[Finding]:
     """A fault of an axis, and the resets without effect during it."""
-    end = trace.duration if until is None else until
+    end = trace.end_of(until)
     resets = [each for each in axis.resets if first.begin <= each.time <= end + ANSWER_FIRST_S]
     worked = [each for each in resets if until is not None and until - each.time < RESET_S][-1:]
     failed = [
@@ -127,15 +127,12 @@ def _fault(trace: Conversation, axis: Axis, first: Span, until: float | None) ->
     texts = [each for each in texts if not any(each in other for other in texts if other != each)]
     words = "; ".join(texts) or "no cause reported"
     code = next((each.code for each in reported if each.code), 0)
-    lasted = trace.span(end - first.begin)
-    known = "in fault" if first is not axis.spans[0] else "already in fault when first seen"
-    if until is None:
-        how = f"{known} to the end of the trace, for {lasted}"
-        how += ", never reset" if axis.controls and not resets else ""
-    else:
-        how = (
-            f"{known} for {lasted}, then {'reset' if worked else 'left without a reset of its own'}"
-        )
+    how = "in fault" if first is not axis.spans[0] else "already in fault when first seen"
+    how += f" {trace.lasting(first.begin, until)}"
+    if until is not None:
+        how += f", then {'reset' if worked else 'left without a reset of its own'}"
+    elif axis.controls and not resets:
+        how += ", never reset"
     frames = (first.frame, *(each.frame for each in reported), *(each.frame for each in resets))
     yield Finding(
         code="drive-fault",

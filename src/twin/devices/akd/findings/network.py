@@ -182,14 +182,12 @@ def _join_losses(trace: Conversation, lost: list[Finding]) -> list[Finding]:
     names = " and ".join(trace.called(node) for node in sorted({each.node for each in together}))
     untils = [each.until for each in together if each.until is not None]
     until = max(untils) if len(untils) == len(together) else None
-    when = "to the end of the trace, " if until is None else ""
-    lasted = trace.span((until or trace.duration) - first.time)
     bus = Finding(
         code="bus-lost",
         severity=severity_at_end(until),
         time=first.time,
         until=until,
-        text=f"no frame of {names} {when}for {lasted}",
+        text=f"no frame of {names} {trace.lasting(first.time, until)}",
         frames=tuple(frame for each in together for frame in each.frames),
     )
     rest = [each for each in lost if each not in together]
@@ -201,8 +199,7 @@ def _join_losses(trace: Conversation, lost: list[Finding]) -> list[Finding]:
 
 def _lost_node(trace: Conversation, stream: StreamKey, silence: Gap) -> Finding:
     """A node is silent for a time, as a regular stream of it shows."""
-    lasted = trace.span((silence.end or trace.duration) - silence.begin)
-    when = "to the end of the trace, " if silence.end is None else ""
+    lasting = trace.lasting(silence.begin, silence.end)
     usual = trace.span(trace.observed.rhythms[stream].usual)
     return Finding(
         code="node-lost",
@@ -210,7 +207,7 @@ def _lost_node(trace: Conversation, stream: StreamKey, silence: Gap) -> Finding:
         time=silence.begin,
         until=silence.end,
         node=stream.node,
-        text=f"no frame {when}for {lasted} ({stream.name} usually every {usual})",
+        text=f"no frame {lasting} ({stream.name} usually every {usual})",
         frames=(silence.frame,),
     )
 
@@ -258,7 +255,7 @@ def _heartbeats(
     for code, its in found:
         if not its:
             continue
-        lengths = [(each.end or trace.duration) - each.begin for each in its]
+        lengths = [trace.end_of(each.end) - each.begin for each in its]
         last = its[-1].end
         often = "to the end of the trace, " if last is None else ""
         often += f"{len(its)} times, at worst " if len(its) > 1 else ""
@@ -356,15 +353,13 @@ def find_late_sync(trace: Conversation, known: Sequence[Finding]) -> Iterator[Fi
     for gap in lost:
         if gap.end is None and not has_torque(trace, gap.begin):
             continue  # the host ends, as it may
-        lasted = trace.span((gap.end or trace.duration) - gap.begin)
-        when = "to the end of the trace, " if gap.end is None else ""
         torque = ", while a drive has torque" if has_torque(trace, gap.begin) else ""
         yield Finding(
             code="sync-lost",
             severity=severity_at_end(gap.end),
             time=gap.begin,
             until=gap.end,
-            text=f"no SYNC {when}for {lasted} ({usual}){torque}",
+            text=f"no SYNC {trace.lasting(gap.begin, gap.end)} ({usual}){torque}",
             frames=(gap.frame,),
         )
     late = [each for each in gaps if each not in lost and each.end is not None]

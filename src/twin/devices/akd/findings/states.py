@@ -72,13 +72,7 @@ def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 node=axis.node,
                 axis=axis.number,
                 text=f"left operation enabled without a command, is {now.state.value}",
-                motion=coasting(
-                    trace,
-                    axis.node,
-                    axis.number,
-                    now.begin,
-                    trace.duration if back is None else back,
-                ),
+                motion=coasting(trace, axis.node, axis.number, now.begin, trace.end_of(back)),
                 frames=(now.frame,),
             )
 
@@ -145,7 +139,7 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
             span = axis.span_at(begin)
             enabled = span is not None and span.state is DriveState.OPERATION_ENABLED
             sudden = enabled and not any(begin - OBEY_S <= each.time <= begin for each in given)
-            lasted = (trace.duration if end is None else end) - begin
+            lasted = trace.end_of(end) - begin
             if not (sudden or lasted >= OBEY_S):
                 continue
             if is_explained(known, _CAUSES, axis.node, begin):
@@ -240,12 +234,12 @@ def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
             times = [
                 each
                 for each in _stretches(_frames_of(trace, axis, words, flag))
-                if (trace.duration if each[1] is None else each[1]) - each[0] >= flag.after
+                if trace.end_of(each[1]) - each[0] >= flag.after
             ]
             if not times:
                 continue
-            until, ends = times[-1][1], (trace.duration if e is None else e for _, e, _ in times)
-            total = sum(end - begin for (begin, _, _), end in zip(times, ends, strict=True))
+            until = times[-1][1]
+            total = sum(trace.end_of(end) - begin for begin, end, _ in times)
             often = f", {len(times)} times" if len(times) > 1 else ""
             yield Finding(
                 code=flag.code,
@@ -326,12 +320,12 @@ def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[F
                 text = "homing is not attained"
             elif not acknowledged:
                 code, text = "setpoint-ignored", "a set-point is not acknowledged"
-            last = k == len(starts) - 1
+            until = None if k == len(starts) - 1 else end
             yield Finding(
                 code=code,
-                severity=Severity.UNRESOLVED if last else Severity.RECOVERED,
+                severity=severity_at_end(until),
                 time=start.time,
-                until=None if last else end,
+                until=until,
                 node=axis.node,
                 axis=axis.number,
                 text=f"{text} within {trace.span(end - start.time)}",
@@ -347,7 +341,7 @@ def _works_on(trace: Conversation, node: int, time: float) -> bool:
             continue
         series = trace.series.get((node, key_of_axis(STATUS, axis.number)))
         shown = series.time[-1] if series and series.time else span.begin
-        if min(shown, trace.duration if span.end is None else span.end) - time >= WORKS_ON_S:
+        if min(shown, trace.end_of(span.end)) - time >= WORKS_ON_S:
             return True
     return False
 

@@ -6,7 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation, axis_of
-from twin.devices.akd.findings.finding import Finding, Severity, is_explained, plural
+from twin.devices.akd.findings.finding import (
+    Finding,
+    Severity,
+    is_explained,
+    plural,
+    severity_at_end,
+)
 from twin.devices.akd.observed import StrayAnswer, Transfer
 from twin.devices.akd.protocol import Key
 
@@ -189,7 +195,7 @@ def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
         values = [trace.words(node, key, each.value or 0) for each in (write, read)]
         yield Finding(
             code="setting-differs",
-            severity=Severity.UNRESOLVED if until is None else Severity.RECOVERED,
+            severity=severity_at_end(until),
             time=write.begin,
             until=until,
             node=node,
