@@ -11,13 +11,14 @@ from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
 from twin.devices.akd.findings.finding import (
     KNOWN_BEFORE_S,
+    SILENCES,
     Finding,
     Severity,
     is_explained,
     plural,
     severity_at_end,
 )
-from twin.devices.akd.observed import BUS, Gap, StreamKey
+from twin.devices.akd.observed import BUS, Change, Gap, StreamKey
 
 LOST_PAUSES = 2.5
 """Usual pauses without a heartbeat after which it is lost, not late."""
@@ -40,7 +41,6 @@ _BOOT_UP, _STOP, _RESETS = 0, 2, (129, 130)
 LEAVING = (_STOP, protocol.PRE_OPERATIONAL, *_RESETS)
 """NMT commands by which a node leaves the operational state."""
 _HEARTBEAT, _SYNC = "heartbeat", StreamKey(BUS, "SYNC")
-_OF_THE_BUS = ("trace-gap",)
 
 
 def find_pauses_of_the_bus(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -149,11 +149,10 @@ def find_lost_nodes(trace: Conversation, known: Sequence[Finding]) -> Iterator[F
             continue
         pauses = LOST_PAUSES if stream.name == _HEARTBEAT else LOST_SYNCS
         for gap in trace.observed.rhythms[stream].long(pauses):
-            codes = ("node-lost", "bus-lost", "boot-up", *_OF_THE_BUS)
             silence = _silence(trace, stream.node, gap)
             if silence is None or _is_reset(trace, stream.node, silence):
                 continue
-            if is_explained([*known, *lost], codes, stream.node, gap.begin):
+            if is_explained([*known, *lost], SILENCES, stream.node, gap.begin):
                 continue
             lost.append(_lost_node(trace, stream, silence))
     lost = [each for each in _join_losses(trace, lost) if not _left_in_order(trace, each)]
@@ -237,12 +236,11 @@ def _heartbeats(
 ) -> Iterator[Finding]:
     """Heartbeats that are lost or late while the node sends other frames."""
     rhythm = trace.observed.rhythms[stream]
-    codes = ("node-lost", "bus-lost", "boot-up", *_OF_THE_BUS)
     gaps = [
         each
         for each in rhythm.gaps
-        if not is_explained(known, codes, stream.node, each.begin)
-        and not (each.end and is_explained(known, codes, stream.node, each.end))
+        if not is_explained(known, SILENCES, stream.node, each.begin)
+        and not (each.end and is_explained(known, SILENCES, stream.node, each.end))
         and not _is_reset(trace, stream.node, each)
     ]
     lost = [each for each in rhythm.long(LOST_PAUSES) if each in gaps]
@@ -294,8 +292,7 @@ def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> 
                 continue
             if is_explained(known, ("boot-up",), node, now.time):
                 continue
-            after = (each for each in changes if each.time > now.time)
-            back = next((each for each in after if each.value == protocol.OPERATIONAL), None)
+            back = _next_operational(changes, now.time)
             until = back.time if back else None
             yield Finding(
                 code="nmt-left",
@@ -307,6 +304,12 @@ def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> 
                 frames=(now.frame, back.frame) if back else (now.frame,),
             )
     yield from _ignored_starts(trace)
+
+
+def _next_operational(changes: Sequence[Change], time: float) -> Change | None:
+    """Where a node next becomes operational, after a time in s; None if it does not."""
+    after = (each for each in changes if each.time > time)
+    return next((each for each in after if each.value == protocol.OPERATIONAL), None)
 
 
 def _ignored_starts(trace: Conversation) -> Iterator[Finding]:
@@ -328,8 +331,7 @@ def _ignored_starts(trace: Conversation) -> Iterator[Finding]:
             )
             if started or not states:
                 continue
-            after = (each for each in changes if each.time > limit)
-            back = next((each for each in after if each.value == protocol.OPERATIONAL), None)
+            back = _next_operational(changes, limit)
             until = back.time if back else None
             yield Finding(
                 code="nmt-ignored",
@@ -347,7 +349,9 @@ def find_late_sync(trace: Conversation, known: Sequence[Finding]) -> Iterator[Fi
     rhythm = trace.observed.rhythms.get(_SYNC)
     if rhythm is None:
         return
-    gaps = [each for each in rhythm.gaps if not is_explained(known, _OF_THE_BUS, BUS, each.begin)]
+    gaps = [
+        each for each in rhythm.gaps if not is_explained(known, ("trace-gap",), BUS, each.begin)
+    ]
     lost = [each for each in rhythm.long(LOST_SYNCS) if each in gaps]
     usual = f"usually every {trace.span(rhythm.usual)}"
     for gap in lost:

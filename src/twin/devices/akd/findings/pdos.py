@@ -10,6 +10,7 @@ from typing import NamedTuple
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
 from twin.devices.akd.findings.finding import (
+    SILENCES,
     Finding,
     Severity,
     is_explained,
@@ -33,7 +34,7 @@ MIN_TWICE = 3
 """How often a PDO comes twice for a SYNC before somebody sends it twice."""
 AT_EVERY_SYNC = 1
 """Transmission type of a PDO that comes with every SYNC."""
-_CAUSES = ("node-lost", "bus-lost", "boot-up", "trace-gap", "nmt-left", "sync-lost")
+_CAUSES = (*SILENCES, "nmt-left", "sync-lost")
 
 
 class Cycles(NamedTuple):

@@ -11,6 +11,7 @@ from twin.devices.akd import protocol
 from twin.devices.akd.decoding import MODES, STATUS, Conversation, key_of_axis
 from twin.devices.akd.findings.drives import FAULTY, Axis, Span, axes, rising
 from twin.devices.akd.findings.finding import (
+    SILENCES,
     Finding,
     Severity,
     causes_of_error,
@@ -35,7 +36,6 @@ NEW_SETPOINT = 1 << 4
 """Bit of the control word: a new set-point, or the start of homing."""
 PROFILE_POSITION, HOMING, CYCLIC = 1, 6, (8, 9, 10)
 """Modes of operation."""
-_CAUSES = ("boot-up", "node-lost", "bus-lost", "trace-gap")
 _REACHED = {
     "shutdown": (DriveState.READY,),
     "switch on": (DriveState.SWITCHED_ON,),
@@ -61,7 +61,7 @@ def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 continue
             if was_commanded(trace, axis.node, now.begin, OBEY_S, LEAVING):
                 continue
-            if is_explained(known, _CAUSES, axis.node, now.begin):
+            if is_explained(known, SILENCES, axis.node, now.begin):
                 continue
             back = _next(axis, now.begin, (DriveState.OPERATION_ENABLED,))
             yield Finding(
@@ -93,7 +93,7 @@ def find_ignored_commands(trace: Conversation, known: Sequence[Finding]) -> Iter
                 continue
             if any(each.state in (*reached, *FAULTY) for each in _between(axis, time, end)):
                 continue
-            if is_explained(known, _CAUSES, axis.node, time):
+            if is_explained(known, SILENCES, axis.node, time):
                 continue
             until = _next(axis, time, reached)
             why = _NEEDED.get((begun.state, words), "the drive is not released")
@@ -142,7 +142,7 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
             lasted = trace.end_of(end) - begin
             if not (sudden or lasted >= OBEY_S):
                 continue
-            if is_explained(known, _CAUSES, axis.node, begin):
+            if is_explained(known, SILENCES, axis.node, begin):
                 continue
             names = [trace.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
             yield Finding(
