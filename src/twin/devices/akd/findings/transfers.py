@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+from twin.base.errors import list_first
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation, axis_of
 from twin.devices.akd.findings.finding import (
@@ -111,9 +112,7 @@ def _objects(trace: Conversation, node: int, transfers: Sequence[Transfer]) -> s
         f"{'writing' if each.writes else 'reading'} {trace.object_name(node, each.key)}"
         for each in transfers
     )
-    shown = ", ".join(list(names)[:MAX_NAMED])
-    left_out = len(names) - MAX_NAMED
-    return f"{shown} and {left_out} more" if left_out > 0 else shown
+    return list_first(list(names), MAX_NAMED)
 
 
 def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -206,13 +205,12 @@ def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
     for node in dict.fromkeys(node for node, _ in unread):
         its = sorted(each for (owner, _), each in unread.items() if owner == node)
         names = [trace.object_name(node, each.key) for each in its]
-        more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
         yield Finding(
             code="setting-unread",
             severity=Severity.WARNING,
             time=its[0].begin,
             node=node,
             text=f"{plural(len(its), 'setting')} written and never read back: "
-            f"{', '.join(names[:MAX_NAMED])}{more}",
+            f"{list_first(names, MAX_NAMED)}",
             frames=tuple(each.frames[0] for each in its),
         )
