@@ -8,9 +8,8 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 
 from twin.devices.akd.trace_files.frames import LOOKAHEAD, Notes, TracedFrame, classic_frame
+from twin.devices.akd.wire_values import BUS_ERROR, BUS_OFF, CONTROLLER
 
-BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
-"""Classes of error frames, as SocketCAN has them."""
 _DAY = 86400.0
 """Seconds of a day."""
 _DAYS_TO_1970 = 25569
