@@ -488,8 +488,8 @@ class Conversation:
         elif index == ERROR_CODE and drive and value:
             words = protocol.error_words(value, akd=self.is_akd(node))
             text = f"{value:04X}h {words}".strip()
-        elif index == 0x1016 and sub and value:
-            text = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
+        elif index == protocol.CONSUMER_HEARTBEAT and sub and value:
+            text = "node {} within {} ms".format(*protocol.split_watch(value))
         elif of_pdo and not maps and sub == 1:
             text = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:

@@ -272,12 +272,16 @@ def _heartbeats(
 
 def _describe_watch(trace: Conversation, node: int, silence: float) -> str:
     """Who watches a node and allows a shorter silence, in words."""
-    limits = [
-        f"node {watcher} allows {value & 0xFFFF} ms"
+    watches = (
+        (watcher, *protocol.split_watch(value))
         for watcher, values in sorted(trace.values.items())
         for (index, sub), value in values.items()
-        if index == protocol.CONSUMER_HEARTBEAT and sub and value >> 16 & 0x7F == node
-        if 0 < value & 0xFFFF < 1e3 * silence
+        if index == protocol.CONSUMER_HEARTBEAT and sub
+    )
+    limits = [
+        f"node {watcher} allows {allowed} ms"
+        for watcher, watched, allowed in watches
+        if watched == node and 0 < allowed < 1e3 * silence
     ]
     return f"; {', '.join(limits)}" if limits else ""
 
