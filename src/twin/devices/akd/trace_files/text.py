@@ -176,18 +176,15 @@ def _trc_row(
     remote = kind == "RR" or data[:1] == ["RTR"]
     given = b"" if remote else bytes(int(each, 16) for each in data[:length])
     sent = parts[places["d"]] == "Tx" if "d" in places else kind == "Tx"
-    yield (
-        None
-        if not remote and len(given) != length
-        else classic_frame(
-            time,
-            int(identifier, 16),
-            given,
-            extended=len(identifier) > 4,
-            remote=length if remote else None,
-            sent=sent,
-            channel=channel,
-        )
+    yield classic_frame(
+        time,
+        int(identifier, 16),
+        given,
+        extended=len(identifier) > 4,
+        remote=length if remote else None,
+        sent=sent,
+        channel=channel,
+        stated=length,
     )
 
 
@@ -231,16 +228,13 @@ def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame |
             yield None
             continue
         remote = "r" in kind.lower()
-        yield (
-            None
-            if not remote and len(given) != int(length)
-            else classic_frame(
-                passed,
-                identifier,
-                b"" if remote else given,
-                extended="x" in kind.lower(),
-                remote=int(length) if remote else None,
-                sent=way.lower() == "tx",
-                channel=channel,
-            )
+        yield classic_frame(
+            passed,
+            identifier,
+            b"" if remote else given,
+            extended="x" in kind.lower(),
+            remote=int(length) if remote else None,
+            sent=way.lower() == "tx",
+            channel=channel,
+            stated=int(length),
         )
