@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
@@ -301,18 +301,18 @@ def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[F
     """Set-points that are not acknowledged or not reached, and homing that does not end."""
     for axis in axes(trace) if trace.timed else ():
         words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
+        times = [each.time for each in words]
         starts = rising(axis.controls, NEW_SETPOINT)
         for k, start in enumerate(starts):
             mode = trace.mode(axis.node, axis.number, start.time)
-            later = (each.time for each in starts[k + 1 :])
-            end = next(later, trace.duration)
+            end = starts[k + 1].time if k + 1 < len(starts) else trace.duration
             if mode not in (PROFILE_POSITION, HOMING) or end - start.time < OBEY_S:
                 continue
-            during = [each.value for each in words if start.time < each.time <= end]
-            at = [each.value for each in words if each.time <= start.time][-1:]
-            seen = during or at
-            acknowledged = any(each & protocol.MODE_BIT for each in seen)
-            reached = any(each & protocol.TARGET_REACHED for each in during)
+            first, after = bisect_right(times, start.time), bisect_right(times, end)
+            during = words[first:after]
+            seen = during or words[max(first - 1, 0) : first]
+            acknowledged = any(each.value & protocol.MODE_BIT for each in seen)
+            reached = any(each.value & protocol.TARGET_REACHED for each in during)
             if acknowledged and (reached or mode == HOMING):
                 continue
             code, text = "target-missed", "the target of a set-point is not reached"
