@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 
 from twin.base.errors import list_first
@@ -118,6 +120,12 @@ def _objects(trace: Conversation, node: int, transfers: Sequence[Transfer]) -> s
 def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Requests before the answer to the one before, and answers to no request."""
     nodes = dict.fromkeys(each.node for each in trace.observed.transfers)
+    ends: defaultdict[tuple[int, Key], list[float]] = defaultdict(list)
+    for each in trace.observed.transfers:
+        if each.end is not None:
+            ends[each.node, each.key].append(each.end)
+    for times in ends.values():
+        times.sort()
     for node in nodes:
         its = [each for each in trace.observed.transfers if each.node == node and each.overlapped]
         if its:
@@ -133,7 +141,7 @@ def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
         strays, again = list[StrayAnswer](), list[StrayAnswer]()
         for stray in trace.observed.strays:
             if stray.node == node:
-                (again if _is_second(trace, stray) else strays).append(stray)
+                (again if _is_second(ends[node, stray.key], stray) else strays).append(stray)
         if again:
             yield Finding(
                 code="node-twice",
@@ -156,15 +164,15 @@ def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
             )
 
 
-def _is_second(trace: Conversation, stray: StrayAnswer) -> bool:
-    """Whether an answer is a second one to the same request."""
-    return any(
-        each.node == stray.node
-        and each.key == stray.key
-        and each.end is not None
-        and 0 <= stray.time - each.end <= ANSWER_S
-        for each in trace.observed.transfers
-    )
+def _is_second(ends: Sequence[float], stray: StrayAnswer) -> bool:
+    """Whether an answer is a second one to the same request.
+
+    Args:
+        ends: When requests of its object were answered, s, in order.
+        stray: The answer.
+    """
+    before = bisect_right(ends, stray.time)
+    return before > 0 and stray.time - ends[before - 1] <= ANSWER_S
 
 
 def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
