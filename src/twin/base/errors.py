@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import difflib
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 
@@ -84,6 +84,12 @@ def nearest(name: object, known: Iterable[str]) -> str:
 def shorten(text: str) -> str:
     """A text that fits into a message."""
     return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+def list_first(names: Sequence[str], most: int, separator: str = ", ") -> str:
+    """The first of some names, and how many others there are, for a message in one line."""
+    left_out = len(names) - most
+    return separator.join(names[:most]) + (f" and {left_out} more" if left_out > 0 else "")
 
 
 UNPRINTABLE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})

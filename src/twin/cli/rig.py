@@ -331,9 +331,7 @@ def safety(
         rows = run_all(processes or cores(), advance, cases)
     if out is not None:
         headings, lines = failure_sheet(rows)
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([headings, *lines])
-        write_whole(out, text.getvalue())
+        _write_sheet(out, [headings, *lines])
     good = sum(row.good for row in rows)
     shown = [
         _table(rows),
@@ -342,6 +340,13 @@ def safety(
     ]
     show([row.as_dict() for row in rows], shown)
     return int(good < len(rows))
+
+
+def _write_sheet(out: Path, rows: Iterable[Iterable[object]]) -> None:
+    """Write rows of cells into a CSV file."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    write_whole(out, text.getvalue())
 
 
 def _table(rows: list[FaultRow]) -> Table:
@@ -433,9 +438,7 @@ def trace(
     when = "time [s]" if found.timed else "frame"
     span = f" in {conversation.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:4]), *rows])
-        write_whole(out, text.getvalue())
+        _write_sheet(out, [(when, *TracedEvent._fields[1:4]), *rows])
     heading = f"{file}: {len(found.frames)} frames on {found.channel}{span}"
     shown: list[Shown] = [*verdict_lines(verdict, heading, timed=found.timed), *remarks]
     if everything:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from twin.base.errors import printable
+from twin.base.errors import list_first, printable
 from twin.base.page import Table, digits
 
 if TYPE_CHECKING:
@@ -28,9 +28,10 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
     worst = verdict.worst
     yield Text(printable(verdict.headline), style=COLOURS[worst] if worst else "bold green")
     yield f"{heading}; {verdict.count}" if verdict.count else heading
-    for number, finding in enumerate(verdict.findings, 1):
+    located = zip(verdict.findings, verdict.places, strict=True)
+    for number, (finding, place) in enumerate(located, 1):
         when = f"{finding.time:.3f} s" if timed else f"frame {finding.time:.0f}"
-        line = f"  {finding.code}  {when}  {verdict.places[number - 1]}: {finding.text}"
+        line = f"  {finding.code}  {when}  {place}: {finding.text}"
         yield ""
         yield Text.assemble(
             f"{number:2}. ",
@@ -41,7 +42,7 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
             "motion": finding.motion,
             "cause": "; ".join(finding.causes),
             "check": "; ".join(finding.check),
-            "frames": _frames(finding.frames),
+            "frames": list_first([str(each) for each in finding.frames], MAX_FRAMES_SHOWN),
         }
         for head, words in rows.items():
             if words:
@@ -50,13 +51,6 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
 
 MAX_FRAMES_SHOWN = 8
 """Numbers of frames that are printed with a finding; ``--json`` has all."""
-
-
-def _frames(numbers: tuple[int, ...]) -> str:
-    """Numbers of frames in words."""
-    shown = ", ".join(str(each) for each in numbers[:MAX_FRAMES_SHOWN])
-    left_out = len(numbers) - MAX_FRAMES_SHOWN
-    return f"{shown} and {left_out} more" if left_out > 0 else shown
 
 
 def node_tables(found: dict[str, Any]) -> list[Table]:

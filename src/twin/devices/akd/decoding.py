@@ -189,6 +189,11 @@ def axis_of(index: int) -> tuple[int, int]:
     return _PROFILES_OBJECTS.start + offset, axis + 1
 
 
+def key_of_axis(index: int, axis: int) -> Key:
+    """The object of an axis, 1 for the first, that is like an object of the first axis."""
+    return index + (axis - 1) * AXIS_OFFSET, 0
+
+
 @dataclass
 class Node:
     """What a node did.
@@ -295,9 +300,9 @@ class Conversation:
         """Error frames by what they say."""
         foreign, echoes = list_foreign(heard)
         self.observed = Observed(foreign=foreign)
+        """What the frames show, as data."""
         self.echoes = len(echoes)
         """Frames that the adapter handed back to its host; they are left out."""
-        """What the frames show, as data."""
         self.timed = timed
         """Whether the frames have times, or their numbers instead."""
         self._names = names or Names()
@@ -392,6 +397,15 @@ class Conversation:
             return f"{seconds:.0f} frames"
         return f"{1e3 * seconds:.3g} ms" if seconds < _SHORT_S else f"{seconds:.3g} s"
 
+    def end_of(self, end: float | None) -> float:
+        """When something was over, s; what has no such time stands to the end of the trace."""
+        return self.duration if end is None else end
+
+    def lasting(self, begin: float, end: float | None) -> str:
+        """How long something stands from a time in s to another, in words; None as `end_of`."""
+        when = "to the end of the trace, " if end is None else ""
+        return f"{when}for {self.span(self.end_of(end) - begin)}"
+
     def plate_object(self, node: int) -> Key | None:
         """The object of the plate's encoder in a node; None if no rig file names it."""
         return self._axes[node].plate_object if node in self._axes else None
@@ -402,7 +416,7 @@ class Conversation:
         The mode that the drive displays counts, else the one that it is given.
         """
         for index in MODES:
-            changes = self.observed.changes.get((node, (index + (axis - 1) * AXIS_OFFSET, 0)), ())
+            changes = self.observed.changes.get((node, key_of_axis(index, axis)), ())
             shown = (each.value for each in reversed(changes) if each.time <= time)
             if (mode := next(shown, None)) is not None:
                 return mode
@@ -474,8 +488,8 @@ class Conversation:
         elif index == ERROR_CODE and drive and value:
             words = protocol.error_words(value, akd=self.is_akd(node))
             text = f"{value:04X}h {words}".strip()
-        elif index == 0x1016 and sub and value:
-            text = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
+        elif index == protocol.CONSUMER_HEARTBEAT and sub and value:
+            text = "node {} within {} ms".format(*protocol.split_watch(value))
         elif of_pdo and not maps and sub == 1:
             text = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:

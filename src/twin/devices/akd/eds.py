@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from twin.base.errors import LogError
+from twin.base.errors import LogError, list_first
 from twin.base.foreign import HEAD, decode_text, file_kind, with_article
 from twin.devices.akd.protocol import PDOS, Key, Object
 
@@ -315,6 +315,5 @@ def _remarks(file: str, left_out: list[str]) -> tuple[str, ...]:
     """What was left out, in one line."""
     if not left_out:
         return ()
-    shown = "; ".join(left_out[:_SHOWN])
-    more = f" and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
-    return (f"{file}: not readable and left out: {shown}{more}",)
+    shown = list_first(left_out, _SHOWN, "; ")
+    return (f"{file}: not readable and left out: {shown}",)

@@ -283,7 +283,12 @@ OPERATIONAL = 5
 """NMT state in a heartbeat; 0 is a boot-up."""
 
 CONSUMER_HEARTBEAT = 0x1016
-"""Index of whose heartbeats a node watches: bits 16 to 22 the node, bits 0 to 15 the time in ms."""
+"""Index of whose heartbeats a node watches, as `split_watch` reads it."""
+
+
+def split_watch(value: int) -> tuple[int, int]:
+    """The node whose heartbeats are watched, and the silence in ms that is allowed."""
+    return value >> 16 & 0x7F, value & 0xFFFF
 
 
 def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:

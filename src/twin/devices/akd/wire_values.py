@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 PROFILE, VENDOR = (0x1000, 0), (0x1018, 1)
 """Objects by which a node introduces itself."""
+BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
+"""Classes of error frames, as SocketCAN has them."""
 _ECHO_S = 0.02
 """Time in s within which an adapter hands back what it sent."""
 _ECHO_SHARE = 0.5
@@ -127,7 +129,7 @@ def error_words_of(identifier: int, data: bytes) -> str:
     Classes and bytes are those of SocketCAN.
     """
     known = [words for bit, words in table()["bus_errors"].items() if identifier & int(bit, 16)]
-    if identifier & 0x004 and len(data) > 1:
+    if identifier & CONTROLLER and len(data) > 1:
         more = table()["controller_errors"].items()
         known += [words for bit, words in more if data[1] & int(bit, 16)]
     rest = f"{identifier:03X}h {data.hex(' ')}".strip() if identifier or data else "of unknown kind"

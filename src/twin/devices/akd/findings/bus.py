@@ -17,6 +17,7 @@ from twin.devices.akd.findings.finding import (
     severity_at_end,
 )
 from twin.devices.akd.observed import BUS, StreamKey
+from twin.devices.akd.wire_values import BUS_OFF
 
 LOAD_WINDOW_S = 0.1
 """Time in s over which the load of the bus is taken."""
@@ -24,8 +25,6 @@ TIME_ROUNDING = 1e-6
 """Share of such a window by which a time may be rounded."""
 HIGH_LOAD = 0.8
 """Share of the bit rate above which a bus is full."""
-BUS_OFF = 0x40
-"""Class of an error frame, as SocketCAN has it."""
 ANSWER_S = 0.1
 """Time in s that a node has to answer a guard request."""
 MIN_PAIRS = 5

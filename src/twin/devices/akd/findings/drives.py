@@ -5,9 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import AXIS_OFFSET, CONTROL, ERROR_CODE, FAULTS, STATUS, Conversation
+from twin.devices.akd.decoding import (
+    CONTROL,
+    ERROR_CODE,
+    FAULTS,
+    STATUS,
+    Conversation,
+    axis_of,
+    key_of_axis,
+)
 from twin.devices.akd.findings.finding import Finding, causes_of_error, plural, severity_at_end
 from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.observed import BUS, Change
@@ -30,7 +39,6 @@ class Span(NamedTuple):
     begin: float
     end: float | None
     frame: int
-    word: int
 
 
 class Axis(NamedTuple):
@@ -63,12 +71,22 @@ class Axis(NamedTuple):
         return rising(self.controls, protocol.RESET)
 
 
-def axes(trace: Conversation) -> list[Axis]:
+_axes_of: WeakKeyDictionary[Conversation, tuple[Axis, ...]] = WeakKeyDictionary()
+"""The axes of traces in use, which nearly every family of findings needs."""
+
+
+def axes(trace: Conversation) -> tuple[Axis, ...]:
     """The axes of all drives of a trace."""
-    found = []
-    for (node, (index, sub)), changes in list(trace.observed.changes.items()):
-        number, offset = divmod(index - STATUS, AXIS_OFFSET)
-        if offset or sub or not trace.is_drive(node):
+    if trace not in _axes_of:
+        _axes_of[trace] = tuple(_find_axes(trace))
+    return _axes_of[trace]
+
+
+def _find_axes(trace: Conversation) -> Iterator[Axis]:
+    """The axes whose status word is known."""
+    for (node, (index, sub)), changes in trace.observed.changes.items():
+        base, number = axis_of(index)
+        if base != STATUS or sub or not trace.is_drive(node):
             continue
         spans = list[Span]()
         for each in changes:
@@ -77,10 +95,9 @@ def axes(trace: Conversation) -> list[Axis]:
                 continue
             if spans:
                 spans[-1] = spans[-1]._replace(end=each.time)
-            spans.append(Span(state, each.time, None, each.frame, each.value))
-        controls = trace.observed.changes.get((node, (CONTROL + number * AXIS_OFFSET, 0)), [])
-        found.append(Axis(node, number + 1, spans, controls))
-    return found
+            spans.append(Span(state, each.time, None, each.frame))
+        controls = trace.observed.changes.get((node, key_of_axis(CONTROL, number)), [])
+        yield Axis(node, number, spans, controls)
 
 
 def find_faults(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -96,7 +113,7 @@ def find_faults(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
 
 def _fault(trace: Conversation, axis: Axis, first: Span, until: float | None) -> Iterator[Finding]:
     """A fault of an axis, and the resets without effect during it."""
-    end = trace.duration if until is None else until
+    end = trace.end_of(until)
     resets = [each for each in axis.resets if first.begin <= each.time <= end + ANSWER_FIRST_S]
     worked = [each for each in resets if until is not None and until - each.time < RESET_S][-1:]
     failed = [
@@ -110,15 +127,12 @@ def _fault(trace: Conversation, axis: Axis, first: Span, until: float | None) ->
     texts = [each for each in texts if not any(each in other for other in texts if other != each)]
     words = "; ".join(texts) or "no cause reported"
     code = next((each.code for each in reported if each.code), 0)
-    lasted = trace.span(end - first.begin)
-    known = "in fault" if first is not axis.spans[0] else "already in fault when first seen"
-    if until is None:
-        how = f"{known} to the end of the trace, for {lasted}"
-        how += ", never reset" if axis.controls and not resets else ""
-    else:
-        how = (
-            f"{known} for {lasted}, then {'reset' if worked else 'left without a reset of its own'}"
-        )
+    how = "in fault" if first is not axis.spans[0] else "already in fault when first seen"
+    how += f" {trace.lasting(first.begin, until)}"
+    if until is not None:
+        how += f", then {'reset' if worked else 'left without a reset of its own'}"
+    elif axis.controls and not resets:
+        how += ", never reset"
     frames = (first.frame, *(each.frame for each in reported), *(each.frame for each in resets))
     yield Finding(
         code="drive-fault",
@@ -166,7 +180,7 @@ def _reports(
     for each in trace.observed.emergencies:
         if each.node == axis.node and each.code and soon <= each.time <= late:
             yield Report(each.words, each.code, each.frame)
-    key = ERROR_CODE + (axis.number - 1) * AXIS_OFFSET, 0
+    key = key_of_axis(ERROR_CODE, axis.number)
     for code in trace.observed.changes.get((axis.node, key), ()):
         if code.value and soon <= code.time <= end:
             yield Report(trace.words(axis.node, key, code.value), code.value, code.frame)

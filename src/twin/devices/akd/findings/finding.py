@@ -140,6 +140,8 @@ def plural(count: int, what: str) -> str:
     return f"{count} {what}" + ("s" if count != 1 else "")
 
 
+SILENCES = ("node-lost", "bus-lost", "boot-up", "trace-gap")
+"""Codes of times in which nothing comes of a node, which explain whatever is missing then."""
 KNOWN_BEFORE_S = 0.05
 """Time in s by which a consequence may be seen before its cause."""
 

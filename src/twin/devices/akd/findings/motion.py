@@ -7,7 +7,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 
-from twin.devices.akd.decoding import AXIS_OFFSET, PLACE, Conversation
+from twin.devices.akd.decoding import PLACE, Conversation, key_of_axis
 
 MAX_COAST_S = 5.0
 """Time in s after a problem within which the motion belongs to it."""
@@ -36,8 +36,7 @@ def coasting(trace: Conversation, node: int, axis: int, begin: float, end: float
         end: When it was over, s.
     """
     plate = trace.plate_object(node) if axis == 1 else None
-    own = (PLACE + (axis - 1) * AXIS_OFFSET, 0)
-    for name, key in (("plate", plate), ("axis", own)):
+    for name, key in (("plate", plate), ("axis", key_of_axis(PLACE, axis))):
         series = trace.series.get((node, key)) if key else None
         if series is None or key is None:
             continue

@@ -11,13 +11,14 @@ from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
 from twin.devices.akd.findings.finding import (
     KNOWN_BEFORE_S,
+    SILENCES,
     Finding,
     Severity,
     is_explained,
     plural,
     severity_at_end,
 )
-from twin.devices.akd.observed import BUS, Gap, StreamKey
+from twin.devices.akd.observed import BUS, Change, Gap, StreamKey
 
 LOST_PAUSES = 2.5
 """Usual pauses without a heartbeat after which it is lost, not late."""
@@ -40,7 +41,6 @@ _BOOT_UP, _STOP, _RESETS = 0, 2, (129, 130)
 LEAVING = (_STOP, protocol.PRE_OPERATIONAL, *_RESETS)
 """NMT commands by which a node leaves the operational state."""
 _HEARTBEAT, _SYNC = "heartbeat", StreamKey(BUS, "SYNC")
-_OF_THE_BUS = ("trace-gap",)
 
 
 def find_pauses_of_the_bus(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -149,11 +149,10 @@ def find_lost_nodes(trace: Conversation, known: Sequence[Finding]) -> Iterator[F
             continue
         pauses = LOST_PAUSES if stream.name == _HEARTBEAT else LOST_SYNCS
         for gap in trace.observed.rhythms[stream].long(pauses):
-            codes = ("node-lost", "bus-lost", "boot-up", *_OF_THE_BUS)
             silence = _silence(trace, stream.node, gap)
             if silence is None or _is_reset(trace, stream.node, silence):
                 continue
-            if is_explained([*known, *lost], codes, stream.node, gap.begin):
+            if is_explained([*known, *lost], SILENCES, stream.node, gap.begin):
                 continue
             lost.append(_lost_node(trace, stream, silence))
     lost = [each for each in _join_losses(trace, lost) if not _left_in_order(trace, each)]
@@ -182,14 +181,12 @@ def _join_losses(trace: Conversation, lost: list[Finding]) -> list[Finding]:
     names = " and ".join(trace.called(node) for node in sorted({each.node for each in together}))
     untils = [each.until for each in together if each.until is not None]
     until = max(untils) if len(untils) == len(together) else None
-    when = "to the end of the trace, " if until is None else ""
-    lasted = trace.span((until or trace.duration) - first.time)
     bus = Finding(
         code="bus-lost",
         severity=severity_at_end(until),
         time=first.time,
         until=until,
-        text=f"no frame of {names} {when}for {lasted}",
+        text=f"no frame of {names} {trace.lasting(first.time, until)}",
         frames=tuple(frame for each in together for frame in each.frames),
     )
     rest = [each for each in lost if each not in together]
@@ -201,8 +198,7 @@ def _join_losses(trace: Conversation, lost: list[Finding]) -> list[Finding]:
 
 def _lost_node(trace: Conversation, stream: StreamKey, silence: Gap) -> Finding:
     """A node is silent for a time, as a regular stream of it shows."""
-    lasted = trace.span((silence.end or trace.duration) - silence.begin)
-    when = "to the end of the trace, " if silence.end is None else ""
+    lasting = trace.lasting(silence.begin, silence.end)
     usual = trace.span(trace.observed.rhythms[stream].usual)
     return Finding(
         code="node-lost",
@@ -210,7 +206,7 @@ def _lost_node(trace: Conversation, stream: StreamKey, silence: Gap) -> Finding:
         time=silence.begin,
         until=silence.end,
         node=stream.node,
-        text=f"no frame {when}for {lasted} ({stream.name} usually every {usual})",
+        text=f"no frame {lasting} ({stream.name} usually every {usual})",
         frames=(silence.frame,),
     )
 
@@ -240,12 +236,11 @@ def _heartbeats(
 ) -> Iterator[Finding]:
     """Heartbeats that are lost or late while the node sends other frames."""
     rhythm = trace.observed.rhythms[stream]
-    codes = ("node-lost", "bus-lost", "boot-up", *_OF_THE_BUS)
     gaps = [
         each
         for each in rhythm.gaps
-        if not is_explained(known, codes, stream.node, each.begin)
-        and not (each.end and is_explained(known, codes, stream.node, each.end))
+        if not is_explained(known, SILENCES, stream.node, each.begin)
+        and not (each.end and is_explained(known, SILENCES, stream.node, each.end))
         and not _is_reset(trace, stream.node, each)
     ]
     lost = [each for each in rhythm.long(LOST_PAUSES) if each in gaps]
@@ -258,7 +253,7 @@ def _heartbeats(
     for code, its in found:
         if not its:
             continue
-        lengths = [(each.end or trace.duration) - each.begin for each in its]
+        lengths = [trace.end_of(each.end) - each.begin for each in its]
         last = its[-1].end
         often = "to the end of the trace, " if last is None else ""
         often += f"{len(its)} times, at worst " if len(its) > 1 else ""
@@ -277,12 +272,16 @@ def _heartbeats(
 
 def _describe_watch(trace: Conversation, node: int, silence: float) -> str:
     """Who watches a node and allows a shorter silence, in words."""
-    limits = [
-        f"node {watcher} allows {value & 0xFFFF} ms"
+    watches = (
+        (watcher, *protocol.split_watch(value))
         for watcher, values in sorted(trace.values.items())
         for (index, sub), value in values.items()
-        if index == protocol.CONSUMER_HEARTBEAT and sub and value >> 16 & 0x7F == node
-        if 0 < value & 0xFFFF < 1e3 * silence
+        if index == protocol.CONSUMER_HEARTBEAT and sub
+    )
+    limits = [
+        f"node {watcher} allows {allowed} ms"
+        for watcher, watched, allowed in watches
+        if watched == node and 0 < allowed < 1e3 * silence
     ]
     return f"; {', '.join(limits)}" if limits else ""
 
@@ -297,8 +296,7 @@ def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> 
                 continue
             if is_explained(known, ("boot-up",), node, now.time):
                 continue
-            after = (each for each in changes if each.time > now.time)
-            back = next((each for each in after if each.value == protocol.OPERATIONAL), None)
+            back = _next_operational(changes, now.time)
             until = back.time if back else None
             yield Finding(
                 code="nmt-left",
@@ -310,6 +308,12 @@ def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> 
                 frames=(now.frame, back.frame) if back else (now.frame,),
             )
     yield from _ignored_starts(trace)
+
+
+def _next_operational(changes: Sequence[Change], time: float) -> Change | None:
+    """Where a node next becomes operational, after a time in s; None if it does not."""
+    after = (each for each in changes if each.time > time)
+    return next((each for each in after if each.value == protocol.OPERATIONAL), None)
 
 
 def _ignored_starts(trace: Conversation) -> Iterator[Finding]:
@@ -331,8 +335,7 @@ def _ignored_starts(trace: Conversation) -> Iterator[Finding]:
             )
             if started or not states:
                 continue
-            after = (each for each in changes if each.time > limit)
-            back = next((each for each in after if each.value == protocol.OPERATIONAL), None)
+            back = _next_operational(changes, limit)
             until = back.time if back else None
             yield Finding(
                 code="nmt-ignored",
@@ -350,21 +353,21 @@ def find_late_sync(trace: Conversation, known: Sequence[Finding]) -> Iterator[Fi
     rhythm = trace.observed.rhythms.get(_SYNC)
     if rhythm is None:
         return
-    gaps = [each for each in rhythm.gaps if not is_explained(known, _OF_THE_BUS, BUS, each.begin)]
+    gaps = [
+        each for each in rhythm.gaps if not is_explained(known, ("trace-gap",), BUS, each.begin)
+    ]
     lost = [each for each in rhythm.long(LOST_SYNCS) if each in gaps]
     usual = f"usually every {trace.span(rhythm.usual)}"
     for gap in lost:
         if gap.end is None and not has_torque(trace, gap.begin):
             continue  # the host ends, as it may
-        lasted = trace.span((gap.end or trace.duration) - gap.begin)
-        when = "to the end of the trace, " if gap.end is None else ""
         torque = ", while a drive has torque" if has_torque(trace, gap.begin) else ""
         yield Finding(
             code="sync-lost",
             severity=severity_at_end(gap.end),
             time=gap.begin,
             until=gap.end,
-            text=f"no SYNC {when}for {lasted} ({usual}){torque}",
+            text=f"no SYNC {trace.lasting(gap.begin, gap.end)} ({usual}){torque}",
             frames=(gap.frame,),
         )
     late = [each for each in gaps if each not in lost and each.end is not None]

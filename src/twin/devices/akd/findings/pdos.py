@@ -9,7 +9,14 @@ from typing import NamedTuple
 
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
-from twin.devices.akd.findings.finding import Finding, Severity, is_explained, plural
+from twin.devices.akd.findings.finding import (
+    SILENCES,
+    Finding,
+    Severity,
+    is_explained,
+    plural,
+    severity_at_end,
+)
 from twin.devices.akd.findings.network import ANSWER_S, LEAVING, LOST_PAUSES, OBEY_S, was_commanded
 from twin.devices.akd.observed import BUS, StreamKey
 
@@ -27,7 +34,7 @@ MIN_TWICE = 3
 """How often a PDO comes twice for a SYNC before somebody sends it twice."""
 AT_EVERY_SYNC = 1
 """Transmission type of a PDO that comes with every SYNC."""
-_CAUSES = ("node-lost", "bus-lost", "boot-up", "trace-gap", "nmt-left", "sync-lost")
+_CAUSES = (*SILENCES, "nmt-left", "sync-lost")
 
 
 class Cycles(NamedTuple):
@@ -192,13 +199,12 @@ def _find_ended_streams(
     stopped = was_commanded(trace, stream.node, last + ANSWER_S, OBEY_S, LEAVING)
     if stopped or (stream.name[0] == "R" and not has_torque(trace, last)):
         return
-    lasted = trace.span(trace.duration - last)
     yield Finding(
         code="pdo-missing",
         severity=Severity.UNRESOLVED,
         time=last,
         node=stream.node,
-        text=f"{stream.name}: none to the end of the trace, for {lasted}",
+        text=f"{stream.name}: none {trace.lasting(last, None)}",
         frames=(its.frame[-1],),
     )
 
@@ -239,7 +245,7 @@ def find_wrong_lengths(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
         until = next((each for each in its.time if each > misfits.time[-1]), None)
         yield Finding(
             code="pdo-length",
-            severity=Severity.UNRESOLVED if until is None else Severity.RECOVERED,
+            severity=severity_at_end(until),
             time=misfits.time[0],
             until=until,
             node=stream.node,

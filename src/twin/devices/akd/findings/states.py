@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import AXIS_OFFSET, MODES, STATUS, Conversation
+from twin.devices.akd.decoding import MODES, STATUS, Conversation, key_of_axis
 from twin.devices.akd.findings.drives import FAULTY, Axis, Span, axes, rising
 from twin.devices.akd.findings.finding import (
+    SILENCES,
     Finding,
     Severity,
     causes_of_error,
@@ -23,6 +24,8 @@ from twin.devices.akd.findings.network import LEAVING, OBEY_S, was_commanded
 from twin.devices.akd.observed import Change
 from twin.devices.akd.protocol import DriveState
 
+Held = TypeVar("Held")
+
 FOLLOW_S = 0.1
 """Time in s for which a drive may not follow its cyclic command."""
 WORKS_ON_S = 0.5
@@ -33,7 +36,6 @@ NEW_SETPOINT = 1 << 4
 """Bit of the control word: a new set-point, or the start of homing."""
 PROFILE_POSITION, HOMING, CYCLIC = 1, 6, (8, 9, 10)
 """Modes of operation."""
-_CAUSES = ("boot-up", "node-lost", "bus-lost", "trace-gap")
 _REACHED = {
     "shutdown": (DriveState.READY,),
     "switch on": (DriveState.SWITCHED_ON,),
@@ -59,7 +61,7 @@ def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 continue
             if was_commanded(trace, axis.node, now.begin, OBEY_S, LEAVING):
                 continue
-            if is_explained(known, _CAUSES, axis.node, now.begin):
+            if is_explained(known, SILENCES, axis.node, now.begin):
                 continue
             back = _next(axis, now.begin, (DriveState.OPERATION_ENABLED,))
             yield Finding(
@@ -70,13 +72,7 @@ def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 node=axis.node,
                 axis=axis.number,
                 text=f"left operation enabled without a command, is {now.state.value}",
-                motion=coasting(
-                    trace,
-                    axis.node,
-                    axis.number,
-                    now.begin,
-                    trace.duration if back is None else back,
-                ),
+                motion=coasting(trace, axis.node, axis.number, now.begin, trace.end_of(back)),
                 frames=(now.frame,),
             )
 
@@ -97,7 +93,7 @@ def find_ignored_commands(trace: Conversation, known: Sequence[Finding]) -> Iter
                 continue
             if any(each.state in (*reached, *FAULTY) for each in _between(axis, time, end)):
                 continue
-            if is_explained(known, _CAUSES, axis.node, time):
+            if is_explained(known, SILENCES, axis.node, time):
                 continue
             until = _next(axis, time, reached)
             why = _NEEDED.get((begun.state, words), "the drive is not released")
@@ -136,19 +132,17 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
     """Axes that display another mode of operation than they are given."""
     for axis in axes(trace) if trace.timed else ():
         shown, given = (
-            trace.observed.changes.get(
-                (axis.node, (index + (axis.number - 1) * AXIS_OFFSET, 0)), []
-            )
+            trace.observed.changes.get((axis.node, key_of_axis(index, axis.number)), [])
             for index in MODES
         )
-        for begin, end, mode, wanted, frame in _mismatches(shown, given):
+        for begin, end, (mode, wanted, frame) in _stretches(_mismatches(shown, given)):
             span = axis.span_at(begin)
             enabled = span is not None and span.state is DriveState.OPERATION_ENABLED
             sudden = enabled and not any(begin - OBEY_S <= each.time <= begin for each in given)
-            lasted = (trace.duration if end is None else end) - begin
+            lasted = trace.end_of(end) - begin
             if not (sudden or lasted >= OBEY_S):
                 continue
-            if is_explained(known, _CAUSES, axis.node, begin):
+            if is_explained(known, SILENCES, axis.node, begin):
                 continue
             names = [trace.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
             yield Finding(
@@ -165,22 +159,36 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
 
 def _mismatches(
     shown: Sequence[Change], given: Sequence[Change]
-) -> Iterator[tuple[float, float | None, int, int, int]]:
-    """Times at which a mode is not the given one: begin, end, mode, the given one, frame."""
+) -> Iterator[tuple[float, tuple[int, int, int] | None]]:
+    """At each change of a mode: mode, the given one and frame if these differ, else None."""
     mode: int | None = None
     wanted: int | None = None
-    found: tuple[float, int, int, int] | None = None
     changes = sorted([(each, True) for each in shown] + [(each, False) for each in given])
     for change, is_shown in changes:
         mode, wanted = (change.value, wanted) if is_shown else (mode, change.value)
-        differs = mode is not None and wanted is not None and mode != wanted
-        if found is not None and not differs:
-            yield found[0], change.time, *found[1:]
+        if mode is None or wanted is None or mode == wanted:
+            yield change.time, None
+        else:
+            yield change.time, (mode, wanted, change.frame)
+
+
+def _stretches(
+    seen: Iterable[tuple[float, Held | None]],
+) -> Iterator[tuple[float, float | None, Held]]:
+    """Where something stands: begin and end in s (None: to the end), and what it was at first.
+
+    Args:
+        seen: Times in s, and what stands from each on; None for nothing.
+    """
+    found: tuple[float, Held] | None = None
+    for time, what in seen:
+        if found is None and what is not None:
+            found = time, what
+        elif found is not None and what is None:
+            yield found[0], time, found[1]
             found = None
-        elif found is None and differs and mode is not None and wanted is not None:
-            found = change.time, mode, wanted, change.frame
     if found is not None:
-        yield found[0], None, *found[1:]
+        yield found[0], None, found[1]
 
 
 class Flag(NamedTuple):
@@ -221,17 +229,17 @@ FLAGS = (
 def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """What the status word of an enabled axis warns of, by its mode of operation."""
     for axis in axes(trace):
-        words = trace.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
+        words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
         for flag in FLAGS:
             times = [
                 each
-                for each in _times(trace, axis, words, flag)
-                if (trace.duration if each[1] is None else each[1]) - each[0] >= flag.after
+                for each in _stretches(_frames_of(trace, axis, words, flag))
+                if trace.end_of(each[1]) - each[0] >= flag.after
             ]
             if not times:
                 continue
-            until, ends = times[-1][1], (trace.duration if e is None else e for _, e, _ in times)
-            total = sum(end - begin for (begin, _, _), end in zip(times, ends, strict=True))
+            until = times[-1][1]
+            total = sum(trace.end_of(end) - begin for begin, end, _ in times)
             often = f", {len(times)} times" if len(times) > 1 else ""
             yield Finding(
                 code=flag.code,
@@ -245,34 +253,29 @@ def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
             )
 
 
-def _times(
+def _frames_of(
     trace: Conversation, axis: Axis, words: Sequence[Change], flag: Flag
-) -> Iterator[tuple[float, float | None, int]]:
-    """When a flag stands while the axis is enabled: begin, end in s, and frame."""
+) -> Iterator[tuple[float, int | None]]:
+    """At each status word: its frame if a flag stands while the axis is enabled, else None."""
     served = False
-    found: tuple[float, int] | None = None
     for each in words:
-        served |= bool(each.value & flag.mask)
-        mode = trace.mode(axis.node, axis.number, each.time)
-        stands = bool(each.value & flag.mask) is flag.set and served
-        stands &= protocol.state(each.value) is DriveState.OPERATION_ENABLED
-        stands &= not flag.modes or mode in flag.modes
-        if stands and found is None:
-            found = each.time, each.frame
-        elif not stands and found is not None:
-            yield found[0], each.time, found[1]
-            found = None
-    if found is not None:
-        yield found[0], None, found[1]
+        is_set = bool(each.value & flag.mask)
+        served |= is_set
+        stands = (
+            served
+            and is_set is flag.set
+            and protocol.state(each.value) is DriveState.OPERATION_ENABLED
+            and (not flag.modes or trace.mode(axis.node, axis.number, each.time) in flag.modes)
+        )
+        yield each.time, each.frame if stands else None
 
 
 def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Following errors in PDOs that leave the window of the drive, which the trace has."""
     flagged = {(each.node, each.axis) for each in known if each.code == "following-error"}
     for axis in axes(trace):
-        offset = (axis.number - 1) * AXIS_OFFSET
-        window = trace.values[axis.node].get((FOLLOWING_WINDOW + offset, 0))
-        series = trace.series.get((axis.node, (FOLLOWING_ERROR + offset, 0)))
+        window = trace.values[axis.node].get(key_of_axis(FOLLOWING_WINDOW, axis.number))
+        series = trace.series.get((axis.node, key_of_axis(FOLLOWING_ERROR, axis.number)))
         if not window or window == NO_WINDOW or series is None:
             continue
         outside = [k for k, count in enumerate(series.counts) if abs(count) > window]
@@ -297,19 +300,19 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
 def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Set-points that are not acknowledged or not reached, and homing that does not end."""
     for axis in axes(trace) if trace.timed else ():
-        words = trace.observed.changes[axis.node, (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)]
+        words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
+        times = [each.time for each in words]
         starts = rising(axis.controls, NEW_SETPOINT)
         for k, start in enumerate(starts):
             mode = trace.mode(axis.node, axis.number, start.time)
-            later = (each.time for each in starts[k + 1 :])
-            end = next(later, trace.duration)
+            end = starts[k + 1].time if k + 1 < len(starts) else trace.duration
             if mode not in (PROFILE_POSITION, HOMING) or end - start.time < OBEY_S:
                 continue
-            during = [each.value for each in words if start.time < each.time <= end]
-            at = [each.value for each in words if each.time <= start.time][-1:]
-            seen = during or at
-            acknowledged = any(each & protocol.MODE_BIT for each in seen)
-            reached = any(each & protocol.TARGET_REACHED for each in during)
+            first, after = bisect_right(times, start.time), bisect_right(times, end)
+            during = words[first:after]
+            seen = during or words[max(first - 1, 0) : first]
+            acknowledged = any(each.value & protocol.MODE_BIT for each in seen)
+            reached = any(each.value & protocol.TARGET_REACHED for each in during)
             if acknowledged and (reached or mode == HOMING):
                 continue
             code, text = "target-missed", "the target of a set-point is not reached"
@@ -317,12 +320,12 @@ def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[F
                 text = "homing is not attained"
             elif not acknowledged:
                 code, text = "setpoint-ignored", "a set-point is not acknowledged"
-            last = k == len(starts) - 1
+            until = None if k == len(starts) - 1 else end
             yield Finding(
                 code=code,
-                severity=Severity.UNRESOLVED if last else Severity.RECOVERED,
+                severity=severity_at_end(until),
                 time=start.time,
-                until=None if last else end,
+                until=until,
                 node=axis.node,
                 axis=axis.number,
                 text=f"{text} within {trace.span(end - start.time)}",
@@ -333,12 +336,12 @@ def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[F
 def _works_on(trace: Conversation, node: int, time: float) -> bool:
     """Whether an axis of a node is enabled at a time in s and for a while after it."""
     for axis in axes(trace):
-        span, key = axis.span_at(time), (STATUS + (axis.number - 1) * AXIS_OFFSET, 0)
+        span = axis.span_at(time)
         if axis.node != node or span is None or span.state is not DriveState.OPERATION_ENABLED:
             continue
-        series = trace.series.get((node, key))
+        series = trace.series.get((node, key_of_axis(STATUS, axis.number)))
         shown = series.time[-1] if series and series.time else span.begin
-        if min(shown, trace.duration if span.end is None else span.end) - time >= WORKS_ON_S:
+        if min(shown, trace.end_of(span.end)) - time >= WORKS_ON_S:
             return True
     return False
 

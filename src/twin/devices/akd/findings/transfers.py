@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 
+from twin.base.errors import list_first
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation, axis_of
-from twin.devices.akd.findings.finding import Finding, Severity, is_explained, plural
+from twin.devices.akd.findings.finding import (
+    Finding,
+    Severity,
+    is_explained,
+    plural,
+    severity_at_end,
+)
 from twin.devices.akd.observed import StrayAnswer, Transfer
 from twin.devices.akd.protocol import Key
 
@@ -105,14 +114,18 @@ def _objects(trace: Conversation, node: int, transfers: Sequence[Transfer]) -> s
         f"{'writing' if each.writes else 'reading'} {trace.object_name(node, each.key)}"
         for each in transfers
     )
-    shown = ", ".join(list(names)[:MAX_NAMED])
-    left_out = len(names) - MAX_NAMED
-    return f"{shown} and {left_out} more" if left_out > 0 else shown
+    return list_first(list(names), MAX_NAMED)
 
 
 def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Requests before the answer to the one before, and answers to no request."""
     nodes = dict.fromkeys(each.node for each in trace.observed.transfers)
+    ends: defaultdict[tuple[int, Key], list[float]] = defaultdict(list)
+    for each in trace.observed.transfers:
+        if each.end is not None:
+            ends[each.node, each.key].append(each.end)
+    for times in ends.values():
+        times.sort()
     for node in nodes:
         its = [each for each in trace.observed.transfers if each.node == node and each.overlapped]
         if its:
@@ -128,7 +141,7 @@ def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
         strays, again = list[StrayAnswer](), list[StrayAnswer]()
         for stray in trace.observed.strays:
             if stray.node == node:
-                (again if _is_second(trace, stray) else strays).append(stray)
+                (again if _is_second(ends[node, stray.key], stray) else strays).append(stray)
         if again:
             yield Finding(
                 code="node-twice",
@@ -151,15 +164,15 @@ def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
             )
 
 
-def _is_second(trace: Conversation, stray: StrayAnswer) -> bool:
-    """Whether an answer is a second one to the same request."""
-    return any(
-        each.node == stray.node
-        and each.key == stray.key
-        and each.end is not None
-        and 0 <= stray.time - each.end <= ANSWER_S
-        for each in trace.observed.transfers
-    )
+def _is_second(ends: Sequence[float], stray: StrayAnswer) -> bool:
+    """Whether an answer is a second one to the same request.
+
+    Args:
+        ends: When requests of its object were answered, s, in order.
+        stray: The answer.
+    """
+    before = bisect_right(ends, stray.time)
+    return before > 0 and stray.time - ends[before - 1] <= ANSWER_S
 
 
 def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -189,7 +202,7 @@ def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
         values = [trace.words(node, key, each.value or 0) for each in (write, read)]
         yield Finding(
             code="setting-differs",
-            severity=Severity.UNRESOLVED if until is None else Severity.RECOVERED,
+            severity=severity_at_end(until),
             time=write.begin,
             until=until,
             node=node,
@@ -200,13 +213,12 @@ def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
     for node in dict.fromkeys(node for node, _ in unread):
         its = sorted(each for (owner, _), each in unread.items() if owner == node)
         names = [trace.object_name(node, each.key) for each in its]
-        more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
         yield Finding(
             code="setting-unread",
             severity=Severity.WARNING,
             time=its[0].begin,
             node=node,
             text=f"{plural(len(its), 'setting')} written and never read back: "
-            f"{', '.join(names[:MAX_NAMED])}{more}",
+            f"{list_first(names, MAX_NAMED)}",
             frames=tuple(each.frames[0] for each in its),
         )

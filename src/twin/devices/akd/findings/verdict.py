@@ -96,7 +96,8 @@ def assess(trace: Conversation, remarks: Sequence[str] = ()) -> Verdict:
     counts = {severity: found[severity] for severity in Severity}
     load = bus.busiest(trace)[1] if trace.timed else None
     places = tuple(where(trace, each) for each in findings)
-    return Verdict(tuple(findings), _headline(trace, findings, counts), places, counts, load)
+    headline = _headline(trace, findings, counts, load)
+    return Verdict(tuple(findings), headline, places, counts, load)
 
 
 def where(trace: Conversation, finding: Finding) -> str:
@@ -107,11 +108,16 @@ def where(trace: Conversation, finding: Finding) -> str:
     return trace.called(finding.node) + axis
 
 
-def _headline(trace: Conversation, findings: list[Finding], counts: dict[Severity, int]) -> str:
+def _headline(
+    trace: Conversation,
+    findings: list[Finding],
+    counts: dict[Severity, int],
+    load: float | None,
+) -> str:
     """What happened, in one line: the worst finding, and how many others there are."""
     if not findings:
         found = "nothing wrong" if trace.nodes else "no CANopen node heard"
-        return f"{found}: {_describe_checks(trace)}"
+        return f"{found}: {_describe_checks(trace, load)}"
     first = findings[0]
     when = f"at {first.time:.3f} s" if trace.timed else f"in frame {first.time:.0f}"
     line = f"{first.severity}: {where(trace, first)} {when}: {first.text}"
@@ -122,7 +128,7 @@ def _headline(trace: Conversation, findings: list[Finding], counts: dict[Severit
     return line + (f" (and {more})" if more else "")
 
 
-def _describe_checks(trace: Conversation) -> str:
+def _describe_checks(trace: Conversation, load: float | None) -> str:
     """What was checked, in one line."""
     seen, parts = trace.observed, list[str]()
     beats = [its for stream, its in seen.rhythms.items() if stream.name == "heartbeat"]
@@ -134,8 +140,8 @@ def _describe_checks(trace: Conversation) -> str:
     pdos = sum(stream.name[1:4] == "PDO" for stream in seen.streams)
     parts += [plural(pdos, "PDO")] if pdos else []
     parts += [plural(len(seen.transfers), "SDO transfer")] if seen.transfers else []
-    if trace.bitrate and trace.timed:
-        parts.append(f"bus load up to {100 * bus.busiest(trace)[1] / trace.bitrate:.0f} %")
+    if trace.bitrate and load is not None:
+        parts.append(f"bus load up to {100 * load / trace.bitrate:.0f} %")
     axes = len(drives.axes(trace))
     what = plural(len(trace.nodes), "node") + (f" and {plural(axes, 'drive')}" if axes else "")
     checked = f": {', '.join(parts)}" if parts else ""

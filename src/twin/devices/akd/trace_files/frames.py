@@ -90,6 +90,7 @@ def classic_frame(
     error: bool = False,
     sent: bool = False,
     channel: str | None = None,
+    stated: int | None = None,
 ) -> TracedFrame | None:
     """A classic frame; None if there is none of more than eight bytes or so large an identifier.
 
@@ -102,9 +103,11 @@ def classic_frame(
         error: Whether it is an error frame.
         sent: Whether the program that wrote the trace sent it.
         channel: Name of the bus.
+        stated: Length that the file states; data of a different length are no frame.
     """
     if (
         len(data) > 8
+        or (remote is None and stated not in {None, len(data)})
         or identifier >> 29
         or not (extended or error or identifier <= LARGEST_STANDARD)
     ):

@@ -180,19 +180,16 @@ def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
             data = b"" if remote else bytes(int(each, base) for each in rest[1 : 1 + length])
             time, way = rest[1 + len(data) : 3 + len(data)]
             identifier = int(row[1], base)
-            yield (
-                None
-                if not remote and len(data) != length
-                else classic_frame(
-                    float(time),
-                    identifier,
-                    data,
-                    extended="X" in flag or identifier > LARGEST_STANDARD,
-                    remote=length if remote else None,
-                    error="E" in flag,
-                    sent=way.upper().startswith("T"),
-                    channel=row[0],
-                )
+            yield classic_frame(
+                float(time),
+                identifier,
+                data,
+                extended="X" in flag or identifier > LARGEST_STANDARD,
+                remote=length if remote else None,
+                error="E" in flag,
+                sent=way.upper().startswith("T"),
+                channel=row[0],
+                stated=length,
             )
         except (IndexError, ValueError):
             yield None

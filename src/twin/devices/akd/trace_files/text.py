@@ -8,9 +8,8 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 
 from twin.devices.akd.trace_files.frames import LOOKAHEAD, Notes, TracedFrame, classic_frame
+from twin.devices.akd.wire_values import BUS_ERROR, BUS_OFF, CONTROLLER
 
-BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
-"""Classes of error frames, as SocketCAN has them."""
 _DAY = 86400.0
 """Seconds of a day."""
 _DAYS_TO_1970 = 25569
@@ -177,18 +176,15 @@ def _trc_row(
     remote = kind == "RR" or data[:1] == ["RTR"]
     given = b"" if remote else bytes(int(each, 16) for each in data[:length])
     sent = parts[places["d"]] == "Tx" if "d" in places else kind == "Tx"
-    yield (
-        None
-        if not remote and len(given) != length
-        else classic_frame(
-            time,
-            int(identifier, 16),
-            given,
-            extended=len(identifier) > 4,
-            remote=length if remote else None,
-            sent=sent,
-            channel=channel,
-        )
+    yield classic_frame(
+        time,
+        int(identifier, 16),
+        given,
+        extended=len(identifier) > 4,
+        remote=length if remote else None,
+        sent=sent,
+        channel=channel,
+        stated=length,
     )
 
 
@@ -232,16 +228,13 @@ def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame |
             yield None
             continue
         remote = "r" in kind.lower()
-        yield (
-            None
-            if not remote and len(given) != int(length)
-            else classic_frame(
-                passed,
-                identifier,
-                b"" if remote else given,
-                extended="x" in kind.lower(),
-                remote=int(length) if remote else None,
-                sent=way.lower() == "tx",
-                channel=channel,
-            )
+        yield classic_frame(
+            passed,
+            identifier,
+            b"" if remote else given,
+            extended="x" in kind.lower(),
+            remote=int(length) if remote else None,
+            sent=way.lower() == "tx",
+            channel=channel,
+            stated=int(length),
         )
