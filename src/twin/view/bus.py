@@ -12,15 +12,13 @@ import rerun.blueprint as rrb
 from controllers.arrays import Array
 from twin.base.writing import write_whole
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import STATUS, Conversation, axis_of
+from twin.devices.akd.decoding import LONG_PAUSE, STATUS, Conversation, axis_of
 from twin.view.lanes import BAD, CALM, GOOD, IDLE, WARNING, Lane, Rgb, changes, lane_columns
 from twin.view.recording import PLOT_GROUND, fix, new_stream, send
 from twin.view.streams import LANES, LINE_COLOURS, Batch, line
 
 TIMELINE_NAME = "time [s]"
 """Seconds since the first frame."""
-LATE_SYNC = 1.6
-"""Intervals between two SYNC messages, as multiples of the usual one, from which one is late."""
 MAX_PLOTS = 8
 """Objects of PDOs that are drawn, those of most nodes first; the recording has all."""
 WORDS = {0x1001, 0x2001, 0x603F, 0x6040, STATUS, 0x6060, 0x6061, 0x60FD}
@@ -54,7 +52,7 @@ def lanes(conversation: Conversation) -> Iterator[tuple[str, Lane, Mapping[str, 
     sync = np.array(conversation.sync)
     if len(sync) > 2:
         pause = np.diff(sync)
-        late = np.where(pause > LATE_SYNC * np.median(pause), "late", "regular")
+        late = np.where(pause > LONG_PAUSE * np.median(pause), "late", "regular")
         yield "SYNC", changes(sync[:-1], late), SYNC_COLOURS
     for number, node in sorted(conversation.nodes.items()):
         beats = [

@@ -74,7 +74,7 @@ _UNUSED = 0x20
 _KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
 _IRREGULAR = 0.05
 """Share of long pauses from which a sequence of frames is no regular one."""
-_LONG = 1.6
+LONG_PAUSE = 1.6
 """Times the usual pause from which one is a gap."""
 _FEW, _MOST = 10, 20
 """Fewest frames in which a rhythm is seen; most gaps of one kind that are reported, the longest."""
@@ -906,7 +906,7 @@ class Conversation:
                 continue
             pauses = [after - before for before, after in pairwise(times)]
             usual, last = median(pauses), times[-1]
-            long = [k for k, pause in enumerate(pauses) if pause > _LONG * usual]
+            long = [k for k, pause in enumerate(pauses) if pause > LONG_PAUSE * usual]
             if len(long) > _IRREGULAR * len(pauses):
                 continue
             gaps = [Gap(times[k], times[k + 1], frames[k]) for k in long]
