@@ -8,7 +8,15 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from board_source import LIMITS, SCREEN, compiled, replayed, scenario
+from board_source import (
+    LIMITS,
+    MAX_ROUNDINGS,
+    SCREEN,
+    compiled,
+    replayed,
+    scenario,
+    single_roundings,
+)
 from click.testing import CliRunner
 
 import ballplate as bp
@@ -75,6 +83,7 @@ def test_float_has_no_operation_in_double_and_differs_by_rounding_only(tmp_path)
     passed, difference = replayed(compiled(folder))
     assert passed
     assert 0 < difference < 1e-5
+    assert difference < MAX_ROUNDINGS["kalman"] * single_roundings(folder)
     (folder / "test_plate.c").unlink()
     compiled(folder, "-c", "-Wdouble-promotion")
 

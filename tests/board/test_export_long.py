@@ -3,7 +3,15 @@
 import re
 
 import pytest
-from board_source import LIMITS, SCREEN, compiled, replayed, scenario
+from board_source import (
+    LIMITS,
+    MAX_ROUNDINGS,
+    SCREEN,
+    compiled,
+    replayed,
+    scenario,
+    single_roundings,
+)
 
 from twin.board.export import export
 from twin.board.trace import LAWS, OBSERVERS
@@ -20,9 +28,11 @@ def test_a_controller_in_c_is_that_of_python_over_25_s(law, observer, real, tmp_
     chosen = scenario(controller__kind=law, observer__kind=observer, duration=25.0, **SCREEN)
     folder = export(tmp_path / "plate.c", chosen, real=real)
     passed, difference = replayed(compiled(folder, *SANITIZERS))
+    bound = 1e-9 if real == "double" else MAX_ROUNDINGS[observer] * single_roundings(folder)
     rows = (folder / "reference_run.csv").read_text("utf-8").count("\n") - 1
     assert passed
     assert difference < {"double": 1e-9, "float": 1e-2}[real]
+    assert difference < bound
     assert rows > 1000
 
 

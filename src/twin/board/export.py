@@ -12,7 +12,7 @@
 5.  A period that the observer corrects without a touch is a function of its own.
 6.  Reactions of the supervisor (levelling, stop) are not exported: the board's program has them.
 7.  The reference is an argument of each period; the scenario's own is exported where it has a form.
-8.  Whatever has no form is refused by ``check_exportable`` and ``_check_scenario`` in one line.
+8.  Whatever has no form is refused by ``check_exportable`` or ``sources`` in one line.
 9.  ``test_NAME.c`` replays a run of the twin, ``reference_run.csv``, through the C code.
 10. No board has been flashed with it: the comparison is made on a PC.
 """

@@ -540,15 +540,17 @@ def export(
     """
     if real and file.suffix != ".c":
         raise RecordError(f"{file}: --real is of a controller in C: .c")
+    given = {name: value for name, value in cut.items() if value is not None}
+    of_picture, of_rig = beside or given, fmi or wished
     if bus:
-        if fmi or wished or overrides or beside or any(a is not None for a in cut.values()):
+        if of_picture or of_rig or overrides:
             raise RecordError(f"{file}: a drive, --bus, is exported without any other option")
         from ballplate.rigs import drive_fmu
 
         say(f"written to {drive_fmu(str(run), file, reporter=TERMINAL)}")
         return 0
     if file.suffix == ".fmu":
-        if beside or any(a is not None for a in cut.values()):
+        if of_picture:
             raise RecordError(
                 f"{file}: of an .fmu there are the options --fmi, --reference, --on and --set only"
             )
@@ -558,7 +560,7 @@ def export(
         say(f"written to {made}")
         return 0
     if file.suffix == ".c":
-        if fmi or wished or beside or any(a is not None for a in cut.values()):
+        if of_picture or of_rig:
             raise RecordError(
                 f"{file}: of a controller in C there are the options --real, --on and --set only"
             )
@@ -567,14 +569,13 @@ def export(
         made = controller_source(run, file, overrides, real=real or "double")
         say(f"written to {made}/")
         return 0
-    if fmi or wished or overrides:
+    if of_rig or overrides:
         raise RecordError(f"{file}: --fmi, --reference, --on, --set are of a scenario's rig: .fmu")
     from ballplate.comparing import label_runs
     from ballplate.results import Result
 
-    given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in FILM_SUFFIXES
-    if not moving and (given or beside):
+    if of_picture and not moving:
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
             "pictures: .webp, .gif, .mp4"

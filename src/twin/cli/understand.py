@@ -143,11 +143,12 @@ def identify(
         choose_parameters(names)  # a wrong name is reported before anything heavy is imported
     files = [log_file(log) for log in logs]
     if how["columns"] is None and not is_record(files[0]):
-        from twin.identify.logs import has_known_columns
+        from twin.identify.logs import has_known_columns, open_content
         from twin.identify.survey import survey
 
-        if not has_known_columns(files[0]):
-            surveyed = survey(files[0], how["separator"])
+        content = open_content(files[0])
+        if not has_known_columns(files[0].name, content):
+            surveyed = survey(files[0], how["separator"], content)
             show(surveyed.as_dict(), _surveyed(surveyed))
             return 1
     hold_out = _held_out(held)

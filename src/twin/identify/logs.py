@@ -29,6 +29,7 @@ from twin.base.validation import read_tables
 from twin.run.files import is_record, log_file
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, UNIT_SCALES, read_columns, split_unit
+from twin.run.readers import ForeignTable
 from twin.scenario.schema import Scenario
 
 MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
@@ -123,13 +124,18 @@ def read(path: Path) -> Log:
     return of_columns(*read_columns(path, LOG_COLUMN_UNITS, NEEDED_COLUMNS), source)
 
 
-def has_known_columns(path: Path) -> bool:
+def has_known_columns(source: str, content: ForeignTable | str) -> bool:
     """Whether a log has a column of a name that this program knows, besides the time.
 
+    Args:
+        source: What to call the file in messages.
+        content: Its table or its text.
+
     Raises:
-        TwinError: If it cannot be read.
+        LogError: If a text is empty, or its header does not fit its rows.
     """
-    header, *_ = read_cells(path, {name: ColumnWanted(name, "", 1.0) for name in NEEDED_COLUMNS})
+    known = {name: ColumnWanted(name, "", 1.0) for name in NEEDED_COLUMNS}
+    header, *_ = split_content(source, content, known)
     return bool({split_unit(each)[0] for each in header} & set(NEEDED_COLUMNS[1:]))
 
 
@@ -488,19 +494,7 @@ def read_any(
     Raises:
         LogError: If it cannot be read, lacks a column, or a column is of an unknown unit.
     """
-    notes: list[str] = []
-    try:
-        table = foreign_table(path)
-        raw = path.read_bytes() if table is None else b""
-    except OSError as error:
-        raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
-    if table is None:
-        header, cells, notes = _split_columns(path.name, decode_text(raw), wanted, separator)
-        clocks = {}
-    else:
-        header = [with_unit(name, table.units.get(name)) for name in table.columns]
-        cells, clocks = list(table.columns.values()), dict(table.clocks)
-        notes = list(table.notes)
+    header, cells, clocks, notes = split_content(path.name, open_content(path), wanted, separator)
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     times: dict[str, Array] = {}
@@ -516,14 +510,14 @@ def read_any(
             )
         if index >= len(cells):
             raise LogError(f"{path.name}: {role}: no column {column.name}: there are {len(cells)}")
-        values, broken = _parse_numbers(cells[index])
+        values, broken = parse_numbers(cells[index])
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
             raise LogError(f"{path.name}: {role}: {column.name} holds hardly any number")
         if broken:
             notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
         columns[role] = column.sign * factor * values
-        if table is not None and (name := list(table.columns)[index]) in clocks:
-            times[role] = clocks[name]
+        if index in clocks:
+            times[role] = clocks[index]
         counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
         units[role] = "count" if counted else ROLE_UNITS[role]
     rows = _on_one_clock(path.name, columns, times, notes)
@@ -535,35 +529,46 @@ def with_unit(name: str, unit: str | None) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def read_cells(
-    path: Path, wanted: Mapping[str, ColumnWanted], separator: str | None = None
-) -> tuple[list[str], list[Array], dict[int, Array], list[str]]:
-    """Every column of a log as numbers.
-
-    Args:
-        path: A file of any format that is read.
-        wanted: Role to column; names that may be in the header.
-        separator: Between columns of text; None to find it.
-
-    Returns:
-        Headers, empty of a text without them; numbers of each column, NaN where there is none;
-        number of a column to its own times in s; notes.
+def open_content(path: Path) -> ForeignTable | str:
+    """The table of a file of one of ``foreign_logs.READERS``, or else its text.
 
     Raises:
         TwinError: If it cannot be read.
     """
     try:
         table = foreign_table(path)
-        raw = path.read_bytes() if table is None else b""
+        return decode_text(path.read_bytes()) if table is None else table
     except OSError as error:
         raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
-    if table is None:
-        header, cells, notes = _split_columns(path.name, decode_text(raw), wanted, separator)
-        return header, [_parse_numbers(each)[0] for each in cells], {}, notes
-    header = [with_unit(name, table.units.get(name)) for name in table.columns]
-    numbers = [_parse_numbers(each)[0] for each in table.columns.values()]
-    clocks = {k: table.clocks[n] for k, n in enumerate(table.columns) if n in table.clocks}
-    return header, numbers, clocks, list(table.notes)
+
+
+def split_content(
+    source: str,
+    content: ForeignTable | str,
+    wanted: Mapping[str, ColumnWanted],
+    separator: str | None = None,
+) -> tuple[list[str], list[Array | list[str]], dict[int, Array], list[str]]:
+    """Every column of a log.
+
+    Args:
+        source: What to call the file in messages.
+        content: Its table or its text.
+        wanted: Role to column; names that may be in the header.
+        separator: Between columns of text; None to find it.
+
+    Returns:
+        Headers, empty of a text without them; numbers or texts of each column; number of a column
+        to its own times in s; notes.
+
+    Raises:
+        LogError: If a text is empty, or its header does not fit its rows.
+    """
+    if isinstance(content, str):
+        header, cells, notes = _split_columns(source, content, wanted, separator)
+        return header, cells, {}, notes
+    header = [with_unit(name, content.units.get(name)) for name in content.columns]
+    clocks = {k: content.clocks[n] for k, n in enumerate(content.columns) if n in content.clocks}
+    return header, list(content.columns.values()), clocks, list(content.notes)
 
 
 def _on_one_clock(
@@ -771,7 +776,7 @@ def _is_number(cell: str) -> bool:
     return re.fullmatch(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?[.,]?", cell) is not None
 
 
-def _parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
+def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
     """Numbers of cells, NaN where there is none, and how many are neither number nor blank."""
     if not isinstance(cells, list):
         return np.where(np.isfinite(cells), cells, np.nan), 0

@@ -13,8 +13,15 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import LogError
-from twin.identify.logs import ROLE_UNITS, read_cells, unit_factor
+from twin.identify.logs import (
+    ROLE_UNITS,
+    open_content,
+    parse_numbers,
+    split_content,
+    unit_factor,
+)
 from twin.run.logs import split_unit
+from twin.run.readers import ForeignTable
 
 ROLE_NAMES = (
     ("time", r"t|time|times?|timestamp|stamp|millis|micros|clock|zeit|.*[_./ ](time|timestamp|t)"),
@@ -150,19 +157,25 @@ class Survey:
         }
 
 
-def survey(path: Path, separator: str | None = None) -> Survey:
+def survey(
+    path: Path, separator: str | None = None, content: ForeignTable | str | None = None
+) -> Survey:
     """Look at what a log holds.
 
     Args:
         path: A file of any format that is read.
         separator: Between columns of text; None to find it.
+        content: The file's table or its text; None to read it.
 
     Raises:
         TwinError: If it cannot be read, or has no column of numbers.
     """
-    header, cells, clocks, notes = read_cells(path, {}, separator)
+    if content is None:
+        content = open_content(path)
+    header, cells, clocks, notes = split_content(path.name, content, {}, separator)
     columns = []
-    for k, values in enumerate(cells):
+    for k, raw in enumerate(cells):
+        values, _ = parse_numbers(raw)
         name, unit = split_unit(header[k]) if k < len(header) else (str(k + 1), None)
         if np.isfinite(values).any():
             clock = clocks.get(k)

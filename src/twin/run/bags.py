@@ -194,17 +194,15 @@ def _table(
     columns: dict[str, Array | list[str]] = {}
     own: dict[str, Array] = {}
     for topic, clock in clocks.items():
-        use_stamps = np.isfinite(offsets[topic]) and apart <= MAX_CLOCK_DIFFERENCE_S
-        shift = 0.0 if use_stamps or apart > MAX_CLOCK_DIFFERENCE_S else _usual(known)
-        at = clock[:, 1] if use_stamps else clock[:, 0] - shift
+        if apart > MAX_CLOCK_DIFFERENCE_S or not known:
+            at = clock[:, 0]
+        elif np.isfinite(offsets[topic]):
+            at = clock[:, 1]
+        else:  # logged as long after it was sent as usual
+            at = clock[:, 0] - np.median(known)
         for field, values in fields[topic].items():
             name = f"{topic}/{field}"
             column = np.full(len(at), np.nan)
             column[list(values)] = list(values.values())
             columns[name], own[name] = column, at
     return ForeignTable(columns, clocks=own, notes=tuple(notes))
-
-
-def _usual(offsets: list[float]) -> float:
-    """How much later than its stamp a message is logged, s; 0 if none has a stamp."""
-    return float(np.median(offsets)) if offsets else 0.0

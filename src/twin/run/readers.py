@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.base.errors import LogError, extra
-from twin.run.record import MOST_BYTES, MOST_COLUMNS, MOST_ROWS, MOST_UNPACKED, check_size
+from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
 
 MAX_DEPTH = 6
 """Structures within structures that are read."""
@@ -193,7 +193,7 @@ def _check_bytes(unpacked: int, path: Path) -> None:
         OSError: If it does.
     """
     size = path.stat().st_size
-    most = max(MOST_BYTES, MOST_UNPACKED * size)
+    most = max_unpacked(size)
     if unpacked > min(most, 8 * MOST_ROWS * MOST_COLUMNS):
         raise OSError(
             f"would take {1e-6 * unpacked:.0f} MB; at most {1e-6 * most:.0f} MB are read of a file "
@@ -218,7 +218,7 @@ def read_matlab(path: Path) -> ForeignTable:
 def _unpacked_bytes(path: Path) -> int:
     """Bytes of a MATLAB 5 file with its compressed elements unpacked, as far as matters."""
     raw = path.read_bytes()
-    most = max(MOST_BYTES, MOST_UNPACKED * len(raw))
+    most = max_unpacked(len(raw))
     order = "<" if raw[126:128] == b"IM" else ">"
     at, total = MAT_HEADER_BYTES, 0
     while at + 8 <= len(raw) and total <= most:
@@ -315,10 +315,10 @@ def read_hdf5(path: Path) -> ForeignTable:
     """
     with extra(EXTRA, f"{path.name}: an HDF5 file"):
         import h5py  # noqa: PLC0415
+    with path.open("rb") as opened:
+        head = opened.read(16)
     with h5py.File(path, "r") as file:
-        if any("MATLAB_class" in item.attrs for item in file.values()) or b"MATLAB" in (
-            path.open("rb").read(16)
-        ):
+        if b"MATLAB" in head or any("MATLAB_class" in item.attrs for item in file.values()):
             opaque: list[str] = []
             values = {
                 name: _of_hdf5(file, item, name, opaque)

@@ -414,6 +414,11 @@ def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table
     return table.select(names)
 
 
+def max_unpacked(size: int) -> int:
+    """Largest number of bytes into which a file of so many bytes may unpack."""
+    return max(MOST_BYTES, MOST_UNPACKED * size)
+
+
 def check_size(rows: int, columns: int, wanted: int, size: int) -> None:
     """Make sure that a table is none that only fills the memory.
 
@@ -424,7 +429,7 @@ def check_size(rows: int, columns: int, wanted: int, size: int) -> None:
         raise OSError(
             f"{rows} rows of {columns} columns; at most {MOST_ROWS} of {MOST_COLUMNS} are read"
         )
-    most = max(MOST_BYTES, MOST_UNPACKED * size)
+    most = max_unpacked(size)
     if 8 * rows * wanted > most:
         raise OSError(
             f"{rows} rows of {wanted} columns would take {8e-6 * rows * wanted:.0f} MB; at most "
