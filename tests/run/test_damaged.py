@@ -15,7 +15,7 @@ from twin.base.errors import LogError, RecordError
 from twin.run.files import STREAM_FILE
 from twin.run.finished import open_run, record_run, run, run_metadata
 from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns, split_unit
-from twin.run.record import CHECKSUM, read_run, stream
+from twin.run.record import CHECKSUM, read_metadata, read_run, stream
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +152,17 @@ def test_columns_are_looked_at_before_any_is_read(tmp_path, monkeypatch):
         read_columns(tmp_path / "run.parquet", COLUMN_UNITS, ("time",))
     monkeypatch.undo()
     assert [*read_run(tmp_path / "run.parquet")[0]] == ["measured_x"]
+
+
+@pytest.mark.parametrize("form", [0, 1], ids=["parquet", "arrows"])
+def test_a_name_that_is_no_text_is_one_line(made, tmp_path, form):
+    file = tmp_path / made[form].name
+    file.write_bytes(made[form].read_bytes().replace(b"true_x", b"tru\xdf_x"))
+    for read in (read_run, read_metadata):
+        with pytest.raises(RecordError, match=r"not a readable|damaged"):
+            read(file)
+    with pytest.raises(LogError, match=f"{file.name}: cannot be read"):
+        read_columns(file, COLUMN_UNITS, NEEDED_COLUMNS)
 
 
 LONG = 40_000

@@ -112,3 +112,8 @@ def printable(text: str, keep: str = "") -> str:
         else letter
         for letter in text
     )
+
+
+def one_line(error: Exception) -> str:
+    """The message of a library's error, in one line."""
+    return " ".join(str(error).split()) or type(error).__name__

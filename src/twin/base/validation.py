@@ -61,7 +61,7 @@ def check_model(
     try:
         return model.model_validate({**tables, **instead})
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {one_line(model, error)}") from None
+        raise ScenarioError(f"{source}: {first_finding(model, error)}") from None
 
 
 def read_tables(path: Path, called: str = "", *, regular: bool = False) -> dict[str, Any]:
@@ -81,7 +81,9 @@ def read_tables(path: Path, called: str = "", *, regular: bool = False) -> dict[
         raise ScenarioError(f"{called or path.name}: {error}") from error
 
 
-def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence[str] = ()) -> str:
+def first_finding(
+    model: type[BaseModel], error: ValidationError, elsewhere: Sequence[str] = ()
+) -> str:
     """The first finding of a validation: which key, what is wrong, what is allowed.
 
     Args:

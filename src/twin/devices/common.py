@@ -128,11 +128,6 @@ def error_number(error: BaseException | None) -> int:
     return 0
 
 
-def one_line(error: Exception) -> str:
-    """The message of a library's error, in one line."""
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 class FaultReports:
     """Faults on their way to the supervisor: stops and levels are latched.
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, Self
 
 import can
 
-from twin.base.errors import RigError, nearest
-from twin.devices.common import error_number, in_words, one_line
+from twin.base.errors import RigError, nearest, one_line
+from twin.devices.common import error_number, in_words
 from twin.emulator.can_bus import EmulatedBus, Passing, message, nothing
 from twin.emulator.drive_objects import Frame
 

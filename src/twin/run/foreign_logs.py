@@ -9,9 +9,8 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from twin.base.errors import LogError, TwinError
+from twin.base.errors import LogError, TwinError, one_line
 from twin.base.foreign import kind_of, with_article
-from twin.devices.common import one_line
 from twin.run.bags import read_bag, read_mcap
 from twin.run.readers import (
     ForeignTable,

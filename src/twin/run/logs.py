@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, shorten
+from twin.base.errors import LogError, one_line, shorten
 from twin.base.foreign import decode_text
 from twin.hal.interface import SCREEN_SIZE_M
 from twin.hal.supervisor import State
@@ -121,8 +121,8 @@ def read_columns(
         if (table := foreign_table(path)) is not None:
             return _chosen(path.name, table, units, needed), table.metadata
         return read_csv(path, units, needed), {}
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = (isinstance(error, OSError) and error.strerror) or error
+    except (OSError, UnicodeDecodeError, MemoryError, csv.Error) as error:
+        why = (isinstance(error, OSError) and error.strerror) or one_line(error)
         raise LogError(f"{path.name}: cannot be read: {why}") from error
 
 

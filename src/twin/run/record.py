@@ -24,7 +24,7 @@ from controllers.arrays import Array
 from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.base.data_file import DataError, parse_json, read_toml
-from twin.base.errors import RecordError
+from twin.base.errors import RecordError, one_line
 from twin.base.writing import remove, write_whole
 from twin.run.files import STREAM_FILE, arrow_fields
 from twin.scenario.schema import CATALOG_TABLES, MOST_PERIODS, Scenario, choices, with_settings
@@ -323,7 +323,6 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     Raises:
         RecordError: If it cannot be read or was not written by this program.
     """
-    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
     def wanted(schema: pa.Schema) -> list[str]:
         if len(set(schema.names)) < len(schema.names):
@@ -338,11 +337,10 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
         raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
     except DamagedError as error:
         raise RecordError(f"{file}: {error}") from error
-    except (OSError, pa.ArrowException) as error:
+    except unreadable_errors() as error:
         if file.name == STREAM_FILE and not file.stat().st_size:
             raise RecordError(f"{file}: nothing has been recorded yet") from error
-        reason = str(error).splitlines()[0]
-        raise RecordError(f"{file}: not a readable Parquet file: {reason}") from error
+        raise RecordError(f"{file}: not a readable Parquet file: {one_line(error)}") from error
     about = table.schema.metadata
     table = table.rename_columns([OLD_COLUMNS.get(name, name) for name in table.column_names])
     columns = {name: _numbers(table[name]) for name in table.column_names}
@@ -369,6 +367,17 @@ MOST_BYTES, MOST_UNPACKED = 64_000_000, 200
 that stand still are packed well, but the noise and the times of a run are not."""
 
 
+def unreadable_errors() -> tuple[type[Exception], ...]:
+    """What pyarrow raises for a file that is damaged or of another kind.
+
+    Two are no errors of Arrow's: a name that is no UTF-8 is found only when it is asked for, and a
+    changed length may ask for more memory than there is.
+    """
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    return OSError, pa.ArrowException, UnicodeDecodeError, MemoryError
+
+
 def is_number(kind: pa.DataType) -> bool:
     """Whether a column of a type is read."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
@@ -388,7 +397,7 @@ def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table
     Raises:
         DamagedError: If it has a checksum that it does not match.
         OSError: If it cannot be read, or is larger than the limits of this module.
-        pyarrow.ArrowException: If it is no such file.
+        pyarrow.ArrowException: If it is no such file; see also `unreadable_errors`.
     """
     import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
@@ -451,7 +460,7 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
             raise DamagedError("damaged: its head does not match its checksum")
         end = source.tell()
         # its last rows may be torn
-        with suppress(StopIteration, OSError, pa.ArrowException):
+        with suppress(StopIteration, *unreadable_errors()):
             while True:
                 batch, custom = reader.read_next_batch_with_custom_metadata()
                 batch.validate()
@@ -493,13 +502,12 @@ def read_metadata(file: Path) -> bytes | None:
     Raises:
         RecordError: If there is no readable record.
     """
-    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
-    import pyarrow.parquet as pq  # noqa: PLC0415
+    import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
     streamed = file.suffix == Path(STREAM_FILE).suffix
     try:
         schema = read_table(file, lambda _: []).schema if streamed else pq.read_schema(file)
-    except (OSError, pa.ArrowException) as error:
+    except unreadable_errors() as error:
         raise RecordError(f"{file}: not a readable record") from error
     return (schema.metadata or {}).get(b"ballplate")
 

@@ -25,7 +25,7 @@ from twin.base.data_file import MAX_NESTING, DataError, parse_toml
 from twin.base.errors import ScenarioError, nearest, shorten
 from twin.base.settings import value_of
 from twin.base.shipped import chosen, find, shipped_in
-from twin.base.validation import Model, keys_of, one_line, read_tables
+from twin.base.validation import Model, first_finding, keys_of, read_tables
 from twin.scenario import schema
 from twin.scenario.schema import CATALOG_TABLES, TIME_TOLERANCE_S, Change, Scenario
 
@@ -468,7 +468,7 @@ def validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix:
         return model.model_validate_json(json.dumps(tables, default=str))
     except ValidationError as error:
         known = every_key() if model is Scenario else []
-        raise ScenarioError(f"{source}: {prefix}{one_line(model, error, known)}") from None
+        raise ScenarioError(f"{source}: {prefix}{first_finding(model, error, known)}") from None
 
 
 def every_key() -> list[str]:

@@ -22,10 +22,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from twin.base.errors import RecordError, ScenarioError, TwinError, extra
+from twin.base.errors import RecordError, ScenarioError, TwinError, extra, one_line
 from twin.base.jobs import JOBS_PER_PROCESS, cores, handed_out, pool, results
 from twin.base.writing import write_whole
 from twin.run.files import MOTION_INDICATORS
+from twin.run.record import unreadable_errors
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
 
 if TYPE_CHECKING:
@@ -196,9 +197,8 @@ class Store:
 def _read(path: Path) -> pa.Table:
     try:
         table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0]
-        raise RecordError(f"{path}: not a readable chunk; delete it: {reason}") from error
+    except unreadable_errors() as error:
+        raise RecordError(f"{path}: not a readable chunk; delete it: {one_line(error)}") from error
     if table.schema != ROW_SCHEMA or table["key"].null_count or table["outcome"].null_count:
         raise RecordError(
             f"{path}: of another version, or damaged; delete it, or take another --out"

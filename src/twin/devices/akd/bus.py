@@ -23,12 +23,12 @@ from can import BusABC, Message
 from can.exceptions import CanOperationError
 from can.interfaces.slcan import slcanBus
 
-from twin.base.errors import nearest
+from twin.base.errors import nearest, one_line
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import BusConfig
-from twin.devices.common import FaultReports, claim, error_number, in_words, one_line
+from twin.devices.common import FaultReports, claim, error_number, in_words
 
 BUS_ERRORS = (can.CanError, OSError)
 """What python-can and the drivers below it raise when an adapter goes."""

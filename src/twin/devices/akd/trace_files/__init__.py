@@ -19,6 +19,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO, cast
 
+from twin.base.errors import one_line
 from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
 from twin.devices.akd.trace_files import captures, packed, tables, text
 from twin.devices.akd.trace_files.candump import (
@@ -50,13 +51,7 @@ def read_frames(file: Path, notes: Notes) -> Iterator[TracedFrame]:
                 number += 1
                 yield message
     except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
-        notes.remarks.append(f"cannot be read on after frame {number}: {_words(error)}")
-
-
-def _words(error: Exception) -> str:
-    from twin.devices.common import one_line  # noqa: PLC0415  loads numpy
-
-    return one_line(error)
+        notes.remarks.append(f"cannot be read on after frame {number}: {one_line(error)}")
 
 
 def _opened(file: Path) -> BinaryIO:
@@ -96,7 +91,7 @@ def _until_broken(lines: Iterable[str], notes: Notes) -> Iterator[str]:
                 return
             yield line
     except (EOFError, OSError, zlib.error) as error:
-        notes.remarks.append(f"cannot be read on after line {number}: {_words(error)}")
+        notes.remarks.append(f"cannot be read on after line {number}: {one_line(error)}")
 
 
 def _classic(frames: Iterable[TracedFrame | None], notes: Notes) -> Iterator[TracedFrame]:
