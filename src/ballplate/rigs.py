@@ -388,7 +388,7 @@ def controller_source(
         >>> import ballplate as bp
         >>> folder = bp.controller_source("hold", "board.c", duration=0.2)
         >>> sorted(file.name for file in folder.iterdir())
-        ['README.md', 'board.c', 'board.h', 'reference_run.csv', 'test_board.c']
+        ['README.md', 'board.c', 'board.h', 'cortex-m4', 'reference_run.csv', 'test_board.c']
     """
     path = Path(file)
     if path.suffix != ".c":
@@ -398,7 +398,7 @@ def controller_source(
     chosen = scenario_of(scenario, changes_of(settings, changes))
     with extra("casadi", "controller_source"):
         import casadi  # noqa: F401
-    from twin.board.export import export
+    from twin.run.controller_source import export
 
     return export(path, chosen, real=real)
 

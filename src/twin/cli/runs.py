@@ -41,6 +41,7 @@ def list_scenarios() -> None:
 @options.LAW
 @options.SETTING
 @options.PLANT
+@options.BOARD
 @click.option("--out", type=options.PATH, help="Run folder [runs/SCENARIO-CHANGES].")
 @click.option(
     "--beside",
@@ -156,6 +157,7 @@ def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
 @options.LAW
 @options.SETTING
 @options.PLANT
+@options.BOARD
 @options.WITH
 @options.VARY
 @click.option("--out", type=options.PATH, help="Folder [runs/compare-SOURCES-CHANGES].")

@@ -36,6 +36,7 @@ from twin.run.metrics import (
     Ending,
     Motion,
     Outcome,
+    against_python,
     find_rest,
     measure,
 )
@@ -269,6 +270,13 @@ class Run(files.Signals):
         applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
         time = self.rows["time"]
         known = "true_x" in self.rows and always_friction(self.scenario)
+        board = None
+        if CHANNELS["board"].columns[0] in self.rows:
+            of_board, requested = (
+                np.stack([self.rows[name] for name in CHANNELS[kind].columns], axis=1)
+                for kind in ("board", "requested")
+            )
+            board = against_python(of_board, requested, self.scenario.rig.period)
         return Motion(
             time=time,
             ball=state[:, 0::4],
@@ -277,6 +285,7 @@ class Run(files.Signals):
             reference=self.followed(time)[0],
             held=find_rest(time, state[:, 1::4]) if known else None,
             lateness=self.rows.get("command_lateness"),
+            board=board,
         )
 
 
@@ -494,7 +503,16 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
-_OPTIONAL_CHANNELS = {"state", "age", "touched", "timing", "computing", "reference", "laid"}
+_OPTIONAL_CHANNELS = {
+    "state",
+    "age",
+    "touched",
+    "timing",
+    "computing",
+    "board",
+    "reference",
+    "laid",
+}
 NEEDED_COLUMNS = (
     "time",
     *(

@@ -51,6 +51,7 @@ CHANNELS = {
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
 ``computing`` of those whose law has a computing time: of a command that was begun, else NaN,
 and how much older the measurement behind what is applied is than the law's period explains;
+``board`` of those whose controller is a program: its instructions, and what Python requests;
 ``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
 a different path because the plate cannot give it: of these times, else NaN."""
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from twin.base.page import Table, digits
-from twin.run.files import INDICATORS
+from twin.run.files import BOARD_INDICATORS, INDICATORS
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -20,7 +20,7 @@ LABELS = {name: label for name, label in _ALL_LABELS.items() if name not in TIMI
 
 FIRST_LABELS = {name: LABELS[name] for name in (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
-    "late_percent",
+    "late_percent", *BOARD_INDICATORS,
 )}  # fmt: skip
 """What is asked for first, of a reference that moves and of one that comes to rest."""
 ORDERED_LABELS = FIRST_LABELS | _ALL_LABELS
