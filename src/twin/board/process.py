@@ -61,13 +61,14 @@ class BoardProcess:
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._complaints
             )
         except OSError as error:
+            self._complaints.close()
             raise ScenarioError(f"{called}: cannot be run: {error.strerror or error}") from error
         self._said: SimpleQueue[bytes] = SimpleQueue()
         heard = self._process.stdout, self._said
         self._reader = Thread(target=_read, args=heard, daemon=True)
         self._reader.start()
         self._number = 0
-        finalize(self, _end, self._process)
+        finalize(self, _end, self._process, self._complaints)
         version, own = self._hear(0, HELLO, START_TIMEOUT_S).tolist()
         if version != VERSION:
             raise self._failed(f"speaks version {version:g} of the protocol, which is {VERSION}")
@@ -147,7 +148,8 @@ def _read(pipe: Any, said: SimpleQueue[bytes]) -> None:
     said.put(b"")
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _end(process: subprocess.Popen[bytes], complaints: IO[bytes]) -> None:
+    complaints.close()
     process.kill()
     process.wait()
     assert process.stdin is not None

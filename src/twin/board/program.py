@@ -23,6 +23,8 @@ INSTRUCTION_SHIFT = 7
 """An instruction takes 2 to the power of this in ns of QEMU's time. A tick of its SysTick is 40 ns:
 from 7 on a count of ticks, right to one, gives that of instructions to the last one."""
 EMULATOR = "qemu-system-arm"
+ELF_ARM = b"\x28\0"
+"""What an ELF file for an ARM processor has at byte 18."""
 PACKAGES = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
     EMULATOR: "qemu-system-arm",
@@ -89,10 +91,14 @@ def command_of(program: Path) -> list[str]:
     """What runs a compiled program: the emulator for an ``.elf``, else the program itself.
 
     Raises:
-        ScenarioError: If the emulator is not installed.
+        ScenarioError: If the file is none for the emulator, or that is not installed.
     """
     if program.suffix != ".elf":
-        return [str(program)]
+        return [str(program.resolve())]
+    with program.open("rb") as file:
+        head = file.read(20)
+    if head[:4] != b"\x7fELF" or head[18:20] != ELF_ARM:
+        raise ScenarioError(f"board.program: {program} is no ELF file for an ARM processor")
     return [
         needed(EMULATOR),
         *("-machine", "mps2-an386", "-icount", f"shift={INSTRUCTION_SHIFT}"),

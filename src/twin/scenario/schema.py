@@ -622,16 +622,17 @@ class Board(Section):
 
     program: str = "cortex-m4"
     """What has the controller: cortex-m4 for its C code on an emulated Cortex-M4F, host for its C
-    code on this computer, or the file of a program, an .elf for that emulated processor."""
+    code on this computer, or the file of a program, an .elf for that emulated processor and any
+    other for this computer."""
     real: Literal["float", "double"] = "float"
     """Type of the numbers in its C code."""
     clock_hz: Positive | None = None
     """Clock of the processor in Hz, from which a command's computing time follows; without one it
     takes none. A command that takes longer than rig.period is applied that many periods later; the
     plate rate before is held meanwhile."""
-    cycles_per_instruction: tuple[Positive, Positive] = (1.0, 2.0)
-    """Least and most clock cycles that an instruction takes on average; the computing time is that
-    of the most."""
+    cycles_per_instruction: tuple[Positive, Positive] = (1.1, 2.2)
+    """Least and most clock cycles that an instruction takes on average, by default those of a
+    Cortex-M4F without wait states; the computing time is that of the most."""
     time_limit: Positive = 10.0
     """Longest time in s that the program may take for an answer, of this computer's time; on a rig
     in real time at most 0.04."""
