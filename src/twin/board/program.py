@@ -52,7 +52,7 @@ class Target(NamedTuple):
 TARGETS = {
     "cortex-m4": Target(
         "arm-none-eabi-gcc",
-        (*ARM_FLAGS, "-nostartfiles", "-ffunction-sections", "-Wl,--gc-sections", "-Tboard.ld"),
+        (*ARM_FLAGS, "-nostartfiles", "-ffunction-sections", "-Wl,--gc-sections"),
         "arm-none-eabi-size",
     ),
     "host": Target("gcc", (), "size"),
@@ -127,6 +127,18 @@ def compiled(control: Control, target: str, real: str) -> Path:
     return _compile(tuple(sorted(texts.items())), target)
 
 
+def build_command(folder: str, name: str) -> str:
+    """The command that makes the program of an exported controller, in its folder.
+
+    Args:
+        folder: The folder in it with the files of the board.
+        name: What the names of the controller's files begin with.
+    """
+    about = TARGETS["cortex-m4"]
+    files = f"-I. -T{folder}/board.ld {folder}/board.c {name}.c -o {name}.elf -lm"
+    return " ".join((about.compiler, *FLAGS, *about.flags, files))
+
+
 def size_of(program: Path, target: str) -> Size:
     """The memory that a program needs.
 
@@ -151,21 +163,33 @@ def _compile(texts: tuple[tuple[str, str], ...], target: str) -> Path:
     about, own = TARGETS[target], Path(_folder().name, f"{abs(hash((texts, target))):x}")
     own.mkdir(parents=True)
     _write(dict(texts), own)
-    program = own / ("board.elf" if target == "cortex-m4" else "board")
+    program, script = own / "board", list[str]()
+    if target == "cortex-m4":
+        program, script = own / "board.elf", ["-Tboard.ld"]
+    files = [*script, "board.c", f"{NAME}.c", "-o", program.name, "-lm"]
     done = subprocess.run(
-        [about.compiler, *FLAGS, *about.flags, "board.c", f"{NAME}.c", "-o", program.name, "-lm"],
+        [about.compiler, *FLAGS, *about.flags, *files],
         cwd=own,
         capture_output=True,
         text=True,
         check=False,
     )
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "error" in line or "overflow" in line]
-        why = (lines or done.stderr.splitlines() or ["no message"])[-1].strip()
-        raise TwinError(f"board.program: {about.compiler}: {re.sub(r'^.*?: ', '', why)}")
+        raise TwinError(f"board.program: {about.compiler}: {_why(done.stderr)}")
     return program
 
 
 def _write(texts: Mapping[str, str], folder: Path) -> None:
     for name, text in texts.items():
         (folder / Path(name).name).write_text(text, encoding="utf-8")
+
+
+def _why(said: str) -> str:
+    """The line of a compiler's message that says why, without the paths before it."""
+    if over := re.search(r"region `(\w+)' overflowed by (\d+) bytes", said):
+        return (
+            f"needs {over[2]} bytes more than the {over[1]} of the emulated board has; a reference "
+            "without a closed form is a table, which a shorter duration makes smaller"
+        )
+    lines = [line for line in said.splitlines() if "error" in line] or said.splitlines()
+    return lines[0].rpartition("error: ")[2].strip() if lines else "no message"

@@ -36,7 +36,7 @@ from twin.base.errors import ScenarioError
 from twin.board.c_code import REALS, number
 from twin.board.control import Control
 from twin.board.footprint import measure_footprint
-from twin.board.program import INSTRUCTION_SHIFT
+from twin.board.program import INSTRUCTION_SHIFT, build_command
 from twin.board.protocol import ANSWERED, MEASURED, VERSION
 from twin.board.trace import check_exportable, trace
 from twin.hal.supervisor import BALL_LOST_AFTER_S
@@ -109,6 +109,7 @@ def sources(name: str, control: Control, real: str) -> dict[str, str]:
         "ram_bytes": NUMBER_BYTES[real] * (traced.states + traced.memory + 4 + 2 * given["ring"])
         + 8,
         "ball_lost": BALL_LOST_AFTER_S,
+        "build": build_command(BOARD, name),
     }
     return found | {"README.md": _render("README.md.j2", real, given)}
 
