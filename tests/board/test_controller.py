@@ -12,6 +12,8 @@ from twin.base.errors import LawError
 from twin.board import program as programs
 from twin.cli.runs import compare as compare_command
 from twin.cli.runs import run as run_command
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.traces import read_trace
 from twin.run.assemble import assemble
 from twin.run.finished import open_run, record_run
 from twin.run.loop import simulate
@@ -85,6 +87,7 @@ def test_a_command_is_applied_when_its_computing_time_is_over_and_none_is_begun_
     np.testing.assert_allclose(applied_rates(done)[:, 0], np.array(rates) * 0.004, atol=1e-12)
     lateness = [1, 2, 2, 3, 4, 2, 3, 4, 2, 3, 4, 2]
     np.testing.assert_allclose(done["command_lateness"], np.array(lateness) * 0.002)
+    np.testing.assert_allclose(done["requested_phi_acc"], done["applied_phi_acc"], atol=1e-9)
     assert done.metrics["late_percent"] == 100
     assert (done.metrics["instructions_median"], done.metrics["instructions_max"]) == (1002, 1004)
     in_time = run(file, duration=0.024, **clock | {"board__clock_hz": 1e8})
@@ -227,3 +230,39 @@ def test_the_commands_show_python_next_to_the_board(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     (line,) = (each for each in done.output.splitlines() if "difference of commands" in each)
     assert line.split("│")[3].strip() == "-"  # Python's own
+
+
+WIRE = {"plant.kind": "mujoco", "baseline": False}
+
+
+@COMPILED
+@pytest.mark.long
+@pytest.mark.real_time
+def test_it_drives_the_emulated_wire_as_the_simulated_rig():
+    done = bp.run("circle", WIRE | {"board.program": "host"}, duration=4.0, on="emulated")
+    assert done.metrics["outcome"] == "finished"
+    seen, simulated = (
+        each.metrics["tracking_error_percent"] for each in (done, done.beside["Python"])
+    )
+    assert seen == pytest.approx(simulated, abs=3.0)
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_where_it_fails_on_the_wire_the_plate_is_levelled_and_the_record_whole(tmp_path):
+    rate = "2 * (0.1 * math.cos(12 * measured[0]),)"  # half a degree either way
+    file = program(tmp_path, rate=rate, act="rest()", at=1250)
+    keys = WIRE | {"board.program": str(file), "plant.friction.rolling_mm": 0.5}
+    done = bp.run("hold", keys, duration=4.0, on="emulated", out=tmp_path / "run")
+    assert done.metrics["outcome"] == "aborted"
+    assert "gave no answer within 0.04 s" in done.metrics["reason"]
+    assert done["time"][-1] == pytest.approx(2.5, abs=0.1)
+    heard = Conversation(read_trace(tmp_path / "run" / "trace.log").frames)
+    for node in (1, 2):
+        assert heard.nodes[node].drive[-2:] == ["operation enabled", "switch on disabled"]
+        plate = np.array(heard.series[node, (0x2050, 0)].counts) * 360 / 245760
+        assert np.abs(plate - plate[0]).max() > 0.2
+        assert abs(plate[-1] - plate[0]) < 0.1  # degrees
+    (again,) = open_run(tmp_path / "run")
+    assert len(again.time) == len(done["time"])
+    assert np.isfinite(again["python_phi_acc"]).all()

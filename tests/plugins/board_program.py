@@ -3,7 +3,7 @@
 import sys
 
 SCRIPT = """#!{python} -IS
-import binascii, os, struct, sys, time
+import binascii, math, os, struct, sys, time
 
 def frame(number, *content):
     body = struct.pack(f"<BH{{len(content)}}d", number, 8 * len(content), *content)
