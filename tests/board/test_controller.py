@@ -16,9 +16,10 @@ from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.traces import read_trace
 from twin.run.assemble import assemble
 from twin.run.finished import open_run, record_run
-from twin.run.loop import simulate
+from twin.run.loop import alike, simulate
 from twin.run.state import Snapshot, SnapshotError, restore
 from twin.scenario import load
+from twin.scenario.load import clean
 
 KEYS = {"plant.kind": "lagrange", "plant.start.x": 0.05, "plant.start.y": 0.02}
 COMPILED = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -58,7 +59,7 @@ def test_python_gets_the_same_measurements_and_rates_and_is_shown_next_to_it(tmp
     expected = np.minimum(np.arange(1, 21), 5) * 0.004
     np.testing.assert_allclose(applied_rates(done)[:, 0], expected, atol=1e-12)
     assert (done["estimated_theta_rate"] == 0.5).all()
-    assert (done["requested_phi_acc"] == 0).all()
+    assert (columns(done, "requested_phi_acc", "requested_theta_acc") == (0.25, -0.25)).all()
     # Python's accelerations, from a run of its own in which the same rates were applied
     with bp.rig("hold", KEYS | {"duration": 0.04}) as rig:
         wanted = []
@@ -67,7 +68,7 @@ def test_python_gets_the_same_measurements_and_rates_and_is_shown_next_to_it(tmp
             rig.step((rate, 0.0))
             rig.controller.applied(rig.applied)
     np.testing.assert_array_equal(columns(done, "python_phi_acc", "python_theta_acc"), wanted)
-    difference = 0.002 * np.abs(wanted).max()
+    difference = 0.002 * np.abs(np.array(wanted) - (0.25, -0.25)).max()
     assert done.metrics["command_difference"] == pytest.approx(difference, rel=1e-12)
     assert (done.beside["Python"]["true_x"] != done["true_x"]).any()
     assert "command_difference" not in done.beside["Python"].metrics
@@ -105,21 +106,21 @@ def test_a_law_in_python_and_a_board_of_the_same_time_are_late_alike(tmp_path):
 
 
 def test_rigs_side_by_side_have_a_program_each(tmp_path):
-    keys = [f"{key}={value}" for key, value in KEYS.items()]
+    # by the desired x
+    tilting = {"name": "tilting", "rate": "(0.5 * measured[7] if count < 20 else 0.0, 0.0)"}
+    keys = [f"{key}={value}" for key, value in KEYS.items()] + ["duration=0.3"]
     each = [
-        load("hold", [*keys, "duration=0.3", f"board.program='{program(tmp_path, **one)}'"])
-        for one in (
-            {"name": "still"},
-            {"name": "tilting", "rate": "(0.05 if count < 20 else 0.0, 0.0)"},
-        )
+        load("hold", [*keys, f"board.program='{program(tmp_path, **one)}'", f"reference.x={x}"])
+        for one, x in (({"name": "still"}, 0.1), (tilting, 0.1), (tilting, 0.05))
     ]
     found = simulate(each)
     assert [simulate([one])[0] for one in each] == found
-    still, tilting = (one["phi_max_deg"] for one in found)
-    assert still == 0
-    assert tilting == pytest.approx(np.degrees(0.05 * 0.002 * 19), rel=1e-6)
-    assert [one["instructions_max"] for one in found] == [1000, 1000]
+    angles = [one["phi_max_deg"] for one in found]
+    tilted = np.degrees(0.5 * 0.1 * 0.002 * 19)
+    assert angles == pytest.approx([0, tilted, tilted / 2], rel=1e-6, abs=1e-12)
+    assert [one["instructions_max"] for one in found] == [1000] * 3
     mixed = [each[0], each[0].model_copy(update={"board": None})]
+    assert alike(mixed[0]) != alike(mixed[1])
     with pytest.raises(bp.TwinError, match="board: rigs that run side by side all have one"):
         simulate(mixed)
 
@@ -172,6 +173,10 @@ def test_settings_that_cannot_be_are_one_line(settings, words):
     with pytest.raises(bp.TwinError, match=words) as error:
         bp.run("hold", KEYS | settings, duration=0.1)
     assert "\n" not in str(error.value)
+
+
+def test_the_clean_model_has_python_s_controller():
+    assert clean(load("circle", ["board.program=host"])).board is None
 
 
 @pytest.mark.parametrize(

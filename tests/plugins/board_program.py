@@ -21,7 +21,7 @@ while heard := sys.stdin.buffer.read(142):
     number, count = heard[1], count + 1
     measured = struct.unpack("<17d", heard[4:140])
     rate = {rate}
-    answer = [*rate, 0.0, 0.0, *([0.5] * 8), 1.0, {instructions}]
+    answer = [*rate, 0.25, -0.25, *([0.5] * 8), 1.0, {instructions}]
     if count == {at}:
         {act}
     else:
