@@ -192,7 +192,9 @@ class Run(files.Signals):
         driven = {"driven": self.driven} if made and self.driven else {}
         numbers = {"scenario": self.scenario.title, **self.metrics, **made}
         lacks = {"incomplete": list(self.incomplete)} if self.incomplete else {}
-        return numbers | {"units": files.INDICATOR_UNITS, **self.account, **driven, **lacks}
+        absent = set(files.BOARD_INDICATORS) - numbers.keys()
+        units = {k: unit for k, unit in files.INDICATOR_UNITS.items() if k not in absent}
+        return numbers | {"units": units, **self.account, **driven, **lacks}
 
     @cached_property
     def followed(self) -> Reference:
