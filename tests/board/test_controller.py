@@ -125,6 +125,19 @@ def test_rigs_side_by_side_have_a_program_each(tmp_path):
         simulate(mixed)
 
 
+@COMPILED
+def test_a_difference_is_stated_up_to_where_the_supervisor_levels_the_plate():
+    rolling = {"plant__start__x": 0.15, "plant__start__x_rate": 1.0, "board__real": "double"}
+    done = run("host", **rolling, duration=0.3)
+    assert done.metrics["outcome"] != "finished"
+    levelled = done["supervisor"] != 3
+    assert 0 < levelled.sum() < len(levelled)
+    apart = done["requested_phi_acc"] - done["python_phi_acc"]
+    assert np.abs(apart[levelled]).max() > 0.1
+    assert np.abs(apart[~levelled]).max() < 1e-9
+    assert done.metrics["command_difference"] < 1e-12
+
+
 @pytest.mark.parametrize(
     ("act", "words"),
     [

@@ -278,7 +278,9 @@ class Run(files.Signals):
                 np.stack([self.rows[name] for name in CHANNELS[kind].columns], axis=1)
                 for kind in ("board", "requested")
             )
-            board = against_python(of_board, requested, self.scenario.rig.period)
+            board = against_python(
+                of_board, requested, self.rows["supervisor"], self.scenario.rig.period
+            )
         return Motion(
             time=time,
             ball=state[:, 0::4],

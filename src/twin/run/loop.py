@@ -291,7 +291,7 @@ def simulate(
         keep=(
             *(("estimate", "measured", "applied") if seen else ("state", "applied")),
             *(["computing"] if any(late) else ()),
-            *(["requested", "board"] if first.board is not None else ()),
+            *(["requested", "supervisor", "board"] if first.board is not None else ()),
             *(["requested"] if requested is not None and first.board is None else ()),
         ),
         every=SEEN_EVERY if seen else 1,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
+from twin.hal.supervisor import State
 from twin.run.files import LOST_ENDINGS, MOTION_INDICATORS
 from twin.run.record import Recorder
 
@@ -119,7 +120,10 @@ class Motion:
             board=None
             if "board" not in record.data
             else against_python(
-                record["board"][:, rig], record["requested"][:, rig], record.period
+                record["board"][:, rig],
+                record["requested"][:, rig],
+                record["supervisor"][:, rig, 0],
+                record.period,
             ),
         )
 
@@ -145,19 +149,22 @@ class Motion:
         )
 
 
-def against_python(board: Array, requested: Array, period: float) -> Array:
+def against_python(board: Array, requested: Array, supervisor: Array, period: float) -> Array:
     """Instructions of a program, and the largest difference of its commands, shape (K, 2).
 
     Both controllers add a period of their acceleration to the same rate, so that the requested
-    rates differ by a period of the difference.
+    rates differ by a period of the difference. While the supervisor levels the plate, which the
+    program is not informed of, there is none: NaN.
 
     Args:
         board: The channel ``board``, shape (K, 3).
         requested: Accelerations that the program requested, rad/s^2, shape (K, 2).
+        supervisor: Its state, shape (K,).
         period: Control period in s.
     """
     difference = period * np.abs(requested - board[:, 1:]).max(axis=1)
-    return np.stack([board[:, 0], difference], axis=1)
+    found = np.where(supervisor == State.RUNNING, difference, np.nan)
+    return np.stack([board[:, 0], found], axis=1)
 
 
 def measure(
@@ -201,7 +208,7 @@ def measure(
         found["late_percent"] = 100 * float((motion.lateness > 0).mean())
     if motion.board is not None:
         counted = motion.board[np.isfinite(motion.board[:, 0]), 0]
-        found["command_difference"] = float(motion.board[:, 1].max())
+        found["command_difference"] = float(np.fmax.reduce(motion.board[:, 1]))
         if len(counted):
             found["instructions_median"] = round(float(np.median(counted)))
             found["instructions_max"] = round(float(counted.max()))
