@@ -38,7 +38,7 @@ PROGRAMS = (("host", "double"), ("host", "float"), ("cortex-m4", "float"))
 PERIODS_MS = (2, 5, 10)
 DURATION_S = 15.0
 CLOCKS_HZ = (0.5e6, 1e6, 2e6, 4e6, 16e6, 84e6, 168e6)
-SLOW = ("afl", "ekf")
+SLOW = ("afl", "luenberger")
 """The law and the observer that are run at these clocks."""
 MEASURED = (0.01, 0.001, 0.02, -0.001, 0.0, 1.0, 0.1, 0.0, 0.0, 0.1, -0.1, 0.0, 0.0, -0.1, 0.1, 0.0)
 """A measurement whose period is traced, without its time."""
@@ -189,16 +189,20 @@ def share_of_reference(passed: Sequence[int], known: dict[int, Instruction]) -> 
 
 
 def at_clocks() -> list[dict[str, Any]]:
-    """What time costs: a law at several clocks."""
+    """What time costs a program at several clocks, and the same time a law in Python."""
     found = []
     for clock in CLOCKS_HZ:
         done = run(scenario(*SLOW, clock_hz=clock))
+        took = float(np.nanmax(done.rows["computing_time"]))
+        python = scenario(*SLOW)
+        law = python.controller.model_copy(update={"computing_time": took})
         found.append(
             {
                 "clock": clock / 1e6,
-                "took": 1000 * float(np.nanmax(done.rows["computing_time"])),
+                "took": 1000 * took,
                 "late": done.metrics["late_percent"],
                 "error": error(done),
+                "python": error(run(python.model_copy(update={"controller": law}))),
             }
         )
     return found

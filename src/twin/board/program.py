@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.base.errors import ScenarioError, TwinError, extra
@@ -140,11 +141,7 @@ def build_command(folder: str, name: str) -> str:
 
 
 def size_of(program: Path, target: str) -> Size:
-    """The memory that a program needs.
-
-    Raises:
-        ScenarioError: If it cannot be found out.
-    """
+    """The memory that a program, compiled for one of ``TARGETS``, needs."""
     said = subprocess.run(
         [TARGETS[target].size, str(program)], capture_output=True, text=True, check=True
     )
@@ -160,8 +157,7 @@ def _folder() -> TemporaryDirectory[str]:
 
 @cache
 def _compile(texts: tuple[tuple[str, str], ...], target: str) -> Path:
-    about, own = TARGETS[target], Path(_folder().name, f"{abs(hash((texts, target))):x}")
-    own.mkdir(parents=True)
+    about, own = TARGETS[target], Path(mkdtemp(dir=_folder().name))
     _write(dict(texts), own)
     program, script = own / "board", list[str]()
     if target == "cortex-m4":
@@ -170,6 +166,7 @@ def _compile(texts: tuple[tuple[str, str], ...], target: str) -> Path:
     done = subprocess.run(
         [about.compiler, *FLAGS, *about.flags, *files],
         cwd=own,
+        env=os.environ | {"LC_ALL": "C"},  # messages as they are read here
         capture_output=True,
         text=True,
         check=False,
