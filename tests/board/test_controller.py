@@ -230,8 +230,9 @@ def test_a_program_cannot_be_put_back_into_a_state(tmp_path):
         measurement = rig.read()
         controller.start(measurement)
         kept = Snapshot.take(rig, controller, measurement)
-        with pytest.raises(SnapshotError, match="cannot be put back into a state"):
+        with pytest.raises(SnapshotError, match="cannot be put back into") as error:
             restore(controller, kept.controller)
+    assert str(error.value).count("the snapshot is not of such a rig") == 1
 
 
 @pytest.mark.long

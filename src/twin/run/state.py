@@ -127,6 +127,8 @@ def restore(thing: Any, node: InPlace) -> None:
                 restore(getattr(thing, name) if kind == "object" else thing[name], child)
             else:
                 setattr(thing, name, _like(getattr(thing, name, None), deepcopy(child)))
+    except SnapshotError:  # of something within
+        raise
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise SnapshotError(f"the snapshot is not of such a rig: {error}") from error
 
