@@ -322,7 +322,7 @@ def fit_twin(
         return fit_twin(model, windows, names, grip, uneven=uneven, selection=selection)
     if not uneven:
         return Fit(problem, best)
-    # what the patches do is another thing where the ball, at the best fit, goes or starts otherwise
+    # the effect of the patches depends on the ball's path at the best fit
     problem = problem.whiten(best, sizes)
     line = problem.linearise(best.theta, best.starts)
     return Fit(problem, best._replace(linearisation=line))
@@ -429,7 +429,7 @@ class Whiteness:
 
     @property
     def rejected(self) -> bool:
-        """Whether so much is unexplained that no interval is told."""
+        """Whether so much is unexplained that no interval is given."""
         return self.unexplained > self.test.max_unexplained_share
 
     @property
@@ -445,7 +445,7 @@ class Whiteness:
         )
         if self.rejected:
             return f"{what}: too much for an interval"
-        return f"{what}: the intervals hold what it may have moved the parameters by at worst"
+        return f"{what}: the intervals include the largest error that it may have caused"
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -533,7 +533,7 @@ def _assess_ball(
     alike = np.abs(ball.correlation[k]) > MAX_CORRELATION
     others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
     others.remove(name)
-    why = f"cannot be told from {', '.join(others)}" if others else "its interval is too wide"
+    why = f"not distinguishable from {', '.join(others)}" if others else "its interval is too wide"
     at_edge = value <= about.least + half or value >= about.most - half
     word = (
         BOUNDED_VERDICT if at_edge and high - low < about.most - about.least else NOT_IDENTIFIABLE
@@ -727,8 +727,8 @@ def identify_twin(
     words, known_of = white.words, assess_parameters(names, fit, drives, white)
     if all(each.word != IDENTIFIED_VERDICT for each in known_of):
         notes.append(
-            "nothing was identified: two minutes of the scenario excite would show more; the twin "
-            "beside a log does without a file: ballplate shadow LOG --learn"
+            "nothing was identified: two minutes of the scenario excite would show more; a "
+            "twin that follows a log needs no file: ballplate shadow LOG --learn"
         )
     return TwinIdentification(
         source=usable.source,

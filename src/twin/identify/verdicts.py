@@ -31,7 +31,7 @@ class ParameterVerdict:
     Attributes:
         about: Which.
         name: Its name on the command line; of the level each axis has one.
-        value: Fitted value in the unit of its key; None if the log says nothing.
+        value: Fitted value in the unit of its key; None if the log does not show it.
         low: Lower end of the 95 % interval, in the same unit; None if unknown.
         high: Upper end.
         word: ``identified``, ``bounded`` (only a bound is known), ``model rejected`` (the value
@@ -64,7 +64,7 @@ class ParameterVerdict:
 
     @classmethod
     def unknown(cls, about: IdentifiedParameter, name: str, why: str) -> ParameterVerdict:
-        """Of what the log does not show; the experiment that would is said as well."""
+        """Verdict of a parameter that the log does not show, with the experiment that would."""
         return cls(about=about, name=name, why=f"{why}; {about.experiment}")
 
     def as_dict(self) -> dict[str, Any]:
@@ -225,7 +225,7 @@ class PredictionScore:
 
 
 def score(found: Mapping[str, Predicted]) -> PredictionScore:
-    """The errors of axes whose predictions begin at the same times."""
+    """The errors of axes with predictions that begin at the same times."""
     every = list(found.values())
     how = every[0].how
     moves = np.hypot.reduce([each.way for each in every]) > how.min_motion_m
@@ -257,7 +257,7 @@ class Identification:
         notes: What was left out or assumed, in words.
         extent: How much of the log was used, in words.
         remarks: Further results of the fit, in sentences.
-        on: The rig that the parameters lie over; empty for that of a scenario.
+        on: The rig that the parameters are set over; empty for the rig of a scenario.
         how: Constants of the predictions.
     """
 
