@@ -43,7 +43,7 @@ Kind = TypeVar("Kind", Law, Observer, Reference)
 _SETTING_TYPES = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))
 """What a scenario can hold."""
 
-ENTRY_POINT_GROUP = "ballplate.controllers"
+CONTROLLER_ENTRY_POINTS = "ballplate.controllers"
 LAWS_FOLDER = "laws"
 """Folder of the working folder whose files are taken as well."""
 CLOSED = "BALLPLATE_LAWS_CLOSED"
@@ -74,7 +74,7 @@ def _look() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     # entry points of outside packages: what to call them, and how to import them
     outside = (
         (f"entry point '{e.name}' ({e.value})", e.load)
-        for e in entry_points(group=ENTRY_POINT_GROUP)
+        for e in entry_points(group=CONTROLLER_ENTRY_POINTS)
     )
     for place, load in chain(_own(controllers.__path__, "controllers."), outside, _files()):
         try:

@@ -220,13 +220,15 @@ def write_trace(
     if file is None:
         yield None
         return
-    from twin.devices.akd.recording import COLUMNS, append_trace, to_row
-    from twin.devices.akd.traces import PART, seal
+    from twin.devices.akd.recording import TRACE_COLUMNS, append_trace, to_row
+    from twin.devices.akd.traces import PART_BYTES, seal
     from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess
 
-    more = append_trace, file, PART if bounded else None
-    with closing(LiveProcess(_write, more, rows=TRACE_BUFFER_FRAMES, width=len(COLUMNS))) as live:
-        put = live.take_rows(COLUMNS)
+    more = append_trace, file, PART_BYTES if bounded else None
+    with closing(
+        LiveProcess(_write, more, rows=TRACE_BUFFER_FRAMES, width=len(TRACE_COLUMNS))
+    ) as live:
+        put = live.take_rows(TRACE_COLUMNS)
         live.begun()
         try:
             yield lambda message: put(to_row(message))

@@ -2,8 +2,8 @@
 
 One class may be both, ``backend = "my_rig.py:Arduino"`` in a rig file, or one half only: servos,
 ``[drives] kind = "own"``, or a screen, ``[touch] kind = "own"``, each with its ``backend``.
-``ballplate.hardware`` is its door. What it does not do for itself, as a watchdog on the board, is
-reported in every run.
+``ballplate.hardware`` is its public interface. A protection that it lacks, such as a watchdog on
+the board, is reported in every run.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ class _DirectionTest:
 
 @dataclass(frozen=True, kw_only=True)
 class _ScaleTest:
-    """When a plate that is not where it was commanded counts on another scale.
+    """When a plate that misses its command counts as moving on a wrong scale.
 
     The measured angle is explained by the commanded one, delayed and behind a first-order lag:
     measured = gain * lagged(commanded, delay) + constant, by least squares, with an unknown start
@@ -304,9 +304,9 @@ def _follow(angle: Array, share: float) -> Array:
     return followed
 
 
-SCALE = _ScaleTest()
-DIRECTION = _DirectionTest()
-AT_ONCE = _DirectionTest(delays=(0.0,))
+SCALE_TEST = _ScaleTest()
+DIRECTION_TEST = _DirectionTest()
+UNDELAYED_DIRECTION_TEST = _DirectionTest(delays=(0.0,))
 """The same for a plate that is known not to be where it should be, to tell in which way."""
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
@@ -543,7 +543,7 @@ class OwnServos(_OwnDriver):
         """Time in s of the newest measurement, and the modelled plate angles then, rad."""
         self._astray: float | None = None
         self._looks = 0
-        self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION.memory / period))
+        self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION_TEST.memory / period))
         """Commanded, then measured plate angles of the last periods, rad."""
         self._ball = _BallWatch(config) if isinstance(config, OwnConfig) else None
 
@@ -650,18 +650,18 @@ class OwnServos(_OwnDriver):
             return
         self._motion.append((*self._model.tolist(), *plate.tolist()))
         self._looks += 1
-        if self._looks % DIRECTION.every == 0:
-            self._watch_direction(DIRECTION)
+        if self._looks % DIRECTION_TEST.every == 0:
+            self._watch_direction(DIRECTION_TEST)
         off = np.degrees(np.abs(plate - self._model))
         astray = off.max() > self.config.astray_deg
-        if astray and self._looks % DIRECTION.every == 0:
+        if astray and self._looks % DIRECTION_TEST.every == 0:
             self._watch_scale(int(off.argmax()))
         if not astray:
             self._astray = None
         elif self._astray is None:
             self._astray = now
         elif now - self._astray > ASTRAY_FOR:
-            self._watch_direction(AT_ONCE)
+            self._watch_direction(UNDELAYED_DIRECTION_TEST)
             text = f"{off.max():.1f} deg off for {now - self._astray:.1f} s"
             self._report(ASTRAY, f"{text}{self._describe_scale(int(off.argmax()))}")
 
@@ -678,19 +678,19 @@ class OwnServos(_OwnDriver):
     def _scale(self, axis: int) -> float | None:
         """Measured per commanded angle of an axis; None where it does not explain the motion."""
         commanded, measured = np.split(np.array(self._motion), 2, axis=1)
-        return SCALE.gain(commanded[:, axis], measured[:, axis], self._period)
+        return SCALE_TEST.gain(commanded[:, axis], measured[:, axis], self._period)
 
     def _watch_scale(self, axis: int) -> None:
         """Report an axis that is measured to turn farther than commanded."""
         gain = self._scale(axis)
-        if gain is not None and gain >= SCALE.too_far:
+        if gain is not None and gain >= SCALE_TEST.too_far:
             text = f"{AXES[axis]}: measured {gain:.1f} times what is commanded"
             self._report(WRONG_RATIO, text)
 
     def _describe_scale(self, axis: int) -> str:
         """What is to be checked of an axis that turns less than commanded; empty if unknown."""
         gain = self._scale(axis)
-        if gain is None or gain > SCALE.too_near:
+        if gain is None or gain > SCALE_TEST.too_near:
             return ""
         seen = f"{AXES[axis]} is measured to turn {gain:.1f} times what is commanded"
         return f"; {seen}: check its scale, and whether the servos are fast enough"

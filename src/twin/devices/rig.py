@@ -1,7 +1,7 @@
 """A rig of real devices: powered servos on a bus, a touch screen on a port, a real-time clock.
 
-Servos and screen are of any kind (`devices/kinds.py`); the rig knows them as `PoweredServos` and
-`PoweredScreen` only, whose descriptions say what is called when.
+Servos and screen are of any kind (`devices/kinds.py`). The rig knows them only as `PoweredServos`
+and `PoweredScreen`, which describe when each method is called.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class StartRefusedError(RigError):
         super().__init__(line)
 
 
-SLOW = math.radians(10.0)
+FIRST_MOTION_RATE_RAD_S = math.radians(10.0)
 """Plate rate in rad/s of the first motion of a rig that nobody has checked."""
-SLOW_FOR = 3.0
+FIRST_MOTION_LIMIT_S = 3.0
 """Seconds after which it ends even where no encoders can show that motors and plate agree."""
 UNCHECKED = Condition(
     "first motion slow",
@@ -207,8 +207,8 @@ class HardwareRig(Rig):
             self.supervisor.report(Fault(RELAXED, "rig file", words))
         if self.unchecked:
             self.supervisor.report(Fault(UNCHECKED, "rig file", self.unchecked))
-            self.supervisor.limit_rate(SLOW)
-            self._slow_periods = round(SLOW_FOR / self.period)
+            self.supervisor.limit_rate(FIRST_MOTION_RATE_RAD_S)
+            self._slow_periods = round(FIRST_MOTION_LIMIT_S / self.period)
         self._motors.begin(self._transmission)
         self._ball = BallAgreement(self.period)
         for fault in self.servos.warnings():
@@ -217,7 +217,7 @@ class HardwareRig(Rig):
         self._start_clock()
 
     def meanwhile(self, work: Callable[[], None]) -> None:
-        """Do what may take long in another thread, while the devices hear and are heard.
+        """Run a slow function in a thread of its own, while the devices stay in contact.
 
         Raises:
             StartRefusedError: If a device reports what a rig cannot be started with.
@@ -274,7 +274,7 @@ class HardwareRig(Rig):
         return applied
 
     def replace_transmission(self, transmission: Transmission) -> None:
-        """Look the cams up in another transmission from now on; the plate stays where it is."""
+        """Use a new transmission from now on; the plate stays where it is."""
         super().replace_transmission(transmission)
         self._motors.begin(transmission)
 

@@ -21,7 +21,6 @@ from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import (
-    AKD,
     HOST,
     PLACE,
     SPEED,
@@ -114,8 +113,8 @@ def replay(
     recorded = Conversation(frames, names, rig)
     remarks, drives = list[str](), dict[int, EmulatedDrive]()
     for number, node in recorded.nodes.items():
-        vendor = recorded.values[number].get((0x1018, 1), AKD)
-        if vendor != AKD:
+        vendor = recorded.values[number].get((0x1018, 1), protocol.AKD_VENDOR_ID)
+        if vendor != protocol.AKD_VENDOR_ID:
             remarks.append(f"{node.name}: no AKD, its vendor is {vendor:X}h: not replayed")
         elif node.frames.keys() - {"heartbeat"}:
             drives[number] = EmulatedDrive(number)

@@ -30,7 +30,7 @@ from twin.devices import common, realtime
 from twin.devices import rig as hardware
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig
-from twin.devices.akd.servos import SHUTDOWN
+from twin.devices.akd.servos import SHUTDOWN_STEP_LIMIT_S
 from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
@@ -187,7 +187,7 @@ MAX_ANGLE_RAD = float(ANGLE_LIMIT_RAD + Supervisor.ANGLE_SLACK_RAD)
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
 STOP_RAMP_S = AkdConfig().rate_limit / STOP_RAMP
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
-LAST_HEARTBEAT_S = 2 * SHUTDOWN + 0.05
+LAST_HEARTBEAT_S = 2 * SHUTDOWN_STEP_LIMIT_S + 0.05
 """Longest time in s from the end of a run to the host's last heartbeat: it waits for standstill,
 then for no torque, then sends what is left."""
 

@@ -132,7 +132,7 @@ def test_a_heartbeat_of_another_node_that_is_not_operational_is_no_fault_of_this
     rig.bus.from_other(Frame(0x701, bytes((state,))))
     (found, *_) = rig.run(0.05, turn)
     assert found.condition is c.DUPLICATE_ID
-    assert "while another with its id runs" in found.detail
+    assert "while a second one with its id runs" in found.detail
 
 
 @pytest.mark.parametrize(("nmt", "condition"), [(4, c.NMT_LEFT), (127, c.NMT_LEFT)])

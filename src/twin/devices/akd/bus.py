@@ -60,7 +60,7 @@ class PromptSlcanBus(slcanBus):
         self._unsent: list[str] = []
         self._polled = 0.0
         self._refused = 0
-        # Claimed before the library opens it: its first bytes would close another one's channel.
+        # Claimed before the library opens it: its first bytes would close the channel of its user.
         self._claim, path = ExitStack(), channel.partition("@")[0]
         if "://" not in path:
             self._claim.callback(os.close, claim(path, os.O_RDWR))
@@ -84,7 +84,7 @@ class PromptSlcanBus(slcanBus):
         """
         if not self._unsent:
             return
-        # Not through pyserial, whose write waits, and times out even for bytes it has written.
+        # Not through pyserial: its write waits, and times out even for bytes it has written.
         data = b"".join(line.encode("ascii") + self.LINE_TERMINATOR for line in self._unsent)
         self._unsent.clear()
         try:
@@ -95,7 +95,7 @@ class PromptSlcanBus(slcanBus):
             raise CanOperationError("adapter takes no more bytes")
 
     def shutdown(self) -> None:
-        """Close the channel and the port; an adapter that has gone is let go."""
+        """Close the channel and the port; an adapter that was lost is only forgotten."""
         BusABC.shutdown(self)
         with suppress(CanOperationError):
             self._write("C")

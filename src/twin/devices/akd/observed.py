@@ -59,7 +59,7 @@ class Rhythm(NamedTuple):
     gaps: list[Gap]
 
     def long(self, pauses: float) -> list[Gap]:
-        """Its gaps of more than so many usual pauses, and its end before that of the trace."""
+        """Its gaps of more than so many usual pauses, and its end if it ends before the trace."""
         limit = pauses * self.usual
         return [each for each in self.gaps if each.end is None or each.end - each.begin > limit]
 
@@ -163,7 +163,7 @@ class Observed:
         foreign: Numbers of frames that somebody else sent with an identifier of the host, where
             the trace has who sent a frame.
         streams: When SYNC, heartbeats and PDOs came.
-        misfits: PDOs whose length is not that of their mapping.
+        misfits: PDOs with a length other than the length of their mapping.
         rhythms: Those of them that came regularly.
         sent_by: All frames of a node, by its number.
         changes: Values of the objects of which every change is reported, by node and object.

@@ -95,7 +95,7 @@ def find_identities(heard: Iterable[BusFrame]) -> tuple[set[int], dict[tuple[int
 def list_foreign(heard: Sequence[BusFrame]) -> tuple[list[int], set[int]]:
     """Numbers of frames that were received with an identifier that the host sends.
 
-    First those of another sender, then those of an adapter that hands back all that it sent.
+    First frames of a second sender, then frames that an adapter sent and handed back.
     """
     sent = {(each.arbitration_id, each.is_extended_id) for each in heard if not each.is_rx}
     newest = dict[tuple[int, bytes], float]()

@@ -21,7 +21,7 @@ LOG_LINE = re.compile(
     r"\s*\((-?\d+\.?\d*)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
     r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
 )
-_DROPPED = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
+_DROPPED_FRAMES = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
 """A line of ``candump -d``: frames that the socket lost."""
 _MIN_SMALL_SHARE, _MIN_LARGEST_SHARE = 0.1, 0.5
 """Least share of small times, and of times that equal the largest, among differences of time."""
@@ -35,7 +35,7 @@ class _Dropped:
 
     def is_in(self, line: str) -> bool:
         """Whether a line is such a report; it is then counted."""
-        match = _DROPPED.match(line)
+        match = _DROPPED_FRAMES.match(line)
         self.count += int(match[1]) if match else 0
         return match is not None
 
@@ -48,7 +48,7 @@ class _Dropped:
 _PLAIN_TIME = re.compile(r"\(\d+\.\d{6}")
 _PLAIN_HEAD = re.compile(r" +(\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})")
 """The beginning of a line of a log as candump prints it, and what then stands before the data."""
-_RECEIVED = {"": True, "R": True, "T": False}
+_RECEIVED_MARKS = {"": True, "R": True, "T": False}
 """Whether a frame was received, by what stands behind its data."""
 
 
@@ -66,9 +66,9 @@ def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame
         text, _, way = after.rstrip().partition(" ")
         known = heads[head] if head in heads else heads.setdefault(head, _read_head(head))
         data = _read_bytes(text)
-        if known and data is not None and way in _RECEIVED and _PLAIN_TIME.fullmatch(time):
+        if known and data is not None and way in _RECEIVED_MARKS and _PLAIN_TIME.fullmatch(time):
             channel, number, extended, error = known
-            received = _RECEIVED[way]
+            received = _RECEIVED_MARKS[way]
             yield TracedFrame(
                 float(time[1:]), number, data, extended, False, error, received, len(data), channel
             )
@@ -121,13 +121,13 @@ def _log_frame(match: re.Match[str]) -> TracedFrame | None:
     )
 
 
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+_COLOUR_CODES = re.compile(r"\x1b\[[0-9;]*m")
 """What colours a line on a terminal (candump -c)."""
 
 
 def without_colours(line: str) -> str:
     """A line without the marks that colour it on a terminal."""
-    return _COLOURS.sub("", line)
+    return _COLOUR_CODES.sub("", line)
 
 
 TERMINAL_LINE = re.compile(

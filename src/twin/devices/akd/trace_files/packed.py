@@ -25,7 +25,9 @@ def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | 
         for number, message in enumerate(reader, 1):  # noqa: B007
             yield _of_message(message)
         if file.suffix.lower() != ".gz" and reader.file_size > file.stat().st_size:
-            notes.remarks.append(f"cut off, ends after frame {number}")  # as its head says
+            notes.remarks.append(
+                f"cut off, ends after frame {number}"
+            )  # the head gives the full size
 
 
 def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
