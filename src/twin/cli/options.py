@@ -22,7 +22,7 @@ from twin.base.shipped import find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
 from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
 
-CLOSED = "BALLPLATE_LAWS_CLOSED"
+LAWS_CLOSED_VARIABLE = "BALLPLATE_LAWS_CLOSED"
 """As ``controllers.catalog`` has it, which a command imports when it needs it."""
 
 if TYPE_CHECKING:
@@ -74,14 +74,14 @@ class Command(click.Command):
 @contextmanager
 def laws_left_alone() -> Iterator[None]:
     """Nothing of the folder ``laws`` is run within; files given by ``--law`` are."""
-    before = os.environ.get(CLOSED)
-    os.environ[CLOSED] = "yes"
+    before = os.environ.get(LAWS_CLOSED_VARIABLE)
+    os.environ[LAWS_CLOSED_VARIABLE] = "yes"
     try:
         yield
     finally:
-        os.environ.pop(CLOSED)
+        os.environ.pop(LAWS_CLOSED_VARIABLE)
         if before is not None:
-            os.environ[CLOSED] = before
+            os.environ[LAWS_CLOSED_VARIABLE] = before
 
 
 command = functools.partial(click.command, cls=Command)

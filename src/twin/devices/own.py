@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.catalog import EXECUTES, error_words, failed_line
+from controllers.catalog import EXECUTION_LOG, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.common import FaultReports, Ranged, net, range_field
 from twin.hal.agreement import AXES, OPPOSITE, WRONG_RATIO
@@ -362,7 +362,7 @@ def _load(named: str, options: Mapping[str, Any], base: type[Own], key: str) -> 
     file, _, name = named.rpartition(":")
     if not file.endswith(".py") or not Path(file).is_file():
         raise ScenarioError(f"{key}: {named!r} must be FILE.py:CLASS; no file {file!r}")
-    EXECUTES.info("runs %s, the hardware of the rig file", file)
+    EXECUTION_LOG.info("runs %s, the hardware of the rig file", file)
     sys.path.append(str(Path(file).resolve().parent))  # modules that it imports may lie there
     try:
         kind = runpy.run_path(file).get(name)

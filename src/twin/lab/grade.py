@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-from controllers.catalog import EXECUTES
+from controllers.catalog import EXECUTION_LOG
 from twin.base.data_file import DataError, parse_json, read_regular
 from twin.base.errors import ScenarioError, TwinError, nearest, printable, shorten
 from twin.base.jobs import results
@@ -637,7 +637,7 @@ def grade(
         TwinError: If a folder cannot be read or written, or a process is killed.
     """
     for file in lab.own_code:
-        EXECUTES.info(RUNS, file)  # logged here, once, whatever process runs it
+        EXECUTION_LOG.info(RUNS, file)  # logged here, once, whatever process runs it
     work = partial(grade_submission, lab, key, people, kept, source_of(lab))
     done, left = {}, []
     for each in handed_in:

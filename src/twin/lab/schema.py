@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
-from controllers.catalog import EXECUTES
+from controllers.catalog import EXECUTION_LOG
 from twin.base.errors import ScenarioError, nearest, printable, shorten
 from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_labs
@@ -398,7 +398,7 @@ def load_function(file: Path, function: str) -> Callable[..., Any]:
     Raises:
         ScenarioError: If there is none.
     """
-    EXECUTES.info(RUNS, file)
+    EXECUTION_LOG.info(RUNS, file)
     call: Callable[..., Any] | None = run_path(str(file)).get(function)
     if not callable(call):
         raise ScenarioError(f"{file.name}: must define a function {function}")
