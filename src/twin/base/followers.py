@@ -96,4 +96,4 @@ PARTS: dict[str, str] = {
     "identify": "identify",
     "symbols": "the symbols",
 }
-"""What each part is called in a sentence about what it leaves out."""
+"""Name of each part in a sentence about settings that it leaves out."""

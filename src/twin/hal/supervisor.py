@@ -154,8 +154,8 @@ class Supervisor:
         period: Control period in s.
         rigs: Number of rigs.
         late: Longest time in s from a command to the motion of the plate.
-        grown: Further tilt in rad, besides that of braking, that is allowed while a plate is
-            levelled.
+        grown: Further tilt in rad, in addition to the tilt of braking, that is allowed while a
+            plate is levelled.
     """
 
     MAX_FURTHER_TILT_RAD = float(np.radians(1.0))
@@ -283,7 +283,7 @@ class Supervisor:
         return np.broadcast_to(np.greater(self._unseen, BALL_LOST_AFTER_S), self.state.shape)
 
     def watch(self, y: Array, touched: Mask) -> None:
-        """Level the running rigs whose measured ball or plate exceeds a limit.
+        """Level the running rigs with a measured ball or plate beyond a limit.
 
         NaN counts as beyond its limit, except for a ball that is not detected.
 
@@ -320,7 +320,7 @@ class Supervisor:
             self._watch_levelling(np.abs(plate))
 
     def _watch_levelling(self, tilt: Array) -> None:
-        """Stop the rigs whose plate tilts further and further though it is levelled.
+        """Stop the rigs with a plate that tilts further and further though it is levelled.
 
         Commands that have not reached the drives yet, and braking, may tilt it a little further.
 

@@ -142,7 +142,9 @@ def about(kind: str) -> str:
         cls = choices(table).get(kind.rpartition(".")[2])
         if cls is not None:
             text = str(parse_from_object(cls).short_description or "")
-            return "" if text.startswith(f"{cls.__name__}(") else text  # a dataclass says that
+            return (
+                "" if text.startswith(f"{cls.__name__}(") else text
+            )  # the default docstring of a dataclass
     return ""
 
 

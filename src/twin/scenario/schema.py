@@ -70,7 +70,7 @@ RAMP_KEYS = _changing("ramp")
 JUMP_KEYS = _changing("jump")
 """Keys that change at once: a new ball of the same size, a new screen, new drives."""
 RAMP_STEP_S = 0.02
-"""Time in s in whose steps a ramp is followed."""
+"""Time step in s with which a ramp is followed."""
 TIME_TOLERANCE_S = 1e-9
 """Times in s that are no further apart are one."""
 

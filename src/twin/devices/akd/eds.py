@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin.base.errors import LogError, list_first
-from twin.base.foreign import HEAD, decode_text, file_kind, with_article
+from twin.base.foreign import HEAD_BYTES, decode_text, file_kind, with_article
 from twin.devices.akd.protocol import PDO_PARAMETER_INDICES, Key, Object
 
 _CIA301_TYPES = {
@@ -136,7 +136,9 @@ def read_data_sheet(path: Path) -> DataSheet:
         _expand(index, count, section, sections, objects, defaults, values, left_out)
     if not objects:
         why = (
-            f"it is {with_article(kind)}" if (kind := file_kind(raw[:HEAD])) else "it has no object"
+            f"it is {with_article(kind)}"
+            if (kind := file_kind(raw[:HEAD_BYTES]))
+            else "it has no object"
         )
         raise LogError(f"--eds {path}: not a readable EDS file: {why}")
     device = sections.get("deviceinfo", {})

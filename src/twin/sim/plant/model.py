@@ -141,8 +141,8 @@ def load_model(
         path: The MJCF file; None for the packaged one with the parts' linkage, or with cams.
         parts: What differs from the file.
         drawn: Whether it is to be seen; without what only a viewer needs it moves by the same bits.
-        stands: A mechanism from before parts were exchanged: it is not levelled again, its shafts
-            stay at their heights. None levels one whose balance the parts change.
+        stands: The mechanism before parts were exchanged: it is not levelled again, its shafts stay
+            at their heights. None levels it if the parts change its balance.
 
     Raises:
         ModelError: If the file cannot be read or compiled, or lacks names.
@@ -174,8 +174,8 @@ def drawn_model(
 ) -> mujoco.MjModel:
     """A mechanism to look at, with the screen and the operating area of a rig.
 
-    Of another plate than that of the model file nobody knows what moves it: only it, its cardan
-    joint and their post are left to be seen.
+    The drive of a plate other than the model file's is unknown: only the plate, its cardan joint
+    and their post are drawn.
 
     Args:
         parts: What differs from the model file.
@@ -225,7 +225,7 @@ def _fit_model(
 def _shape_model(
     path: Path, content: bytes, drawn: bool, parts: Parts
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The mechanism with another ball and plate, compiled once. Never changed; and room for it."""
+    """The mechanism with ball and plate exchanged, compiled once and never changed; its data."""
     model = compile_with(_compile_file(path, content, drawn)[0], parts)
     return model, mujoco.MjData(model)
 
@@ -351,11 +351,11 @@ def fit_parts(
 
     Args:
         model: Has the parts' ball and plate; is changed and returned.
-        data: For models like it; what it holds does not matter.
+        data: For models like it; its content does not matter.
         before: The mechanism of the model file.
         parts: What differs of it.
-        stands: A mechanism at whose heights the shafts stay; None levels one whose balance the
-            parts change.
+        stands: The shafts stay at the heights of this mechanism; None levels it if the parts
+            change its balance.
 
     Raises:
         ModelError: If the mechanism does not come to rest level.
@@ -392,10 +392,10 @@ def fit_parts(
 
 
 def compile_with(spec: mujoco.MjSpec, parts: Parts) -> mujoco.MjModel:
-    """Compile a mechanism with another ball and plate.
+    """Compile a mechanism with its ball and plate exchanged.
 
     Args:
-        spec: That of the model file; it stays as it is.
+        spec: Specification in the model file; it stays as it is.
         parts: What differs; of them ball and plate.
 
     Raises:
@@ -550,7 +550,7 @@ class RigModels:
         self._step, self._disabled = step, disabled
         file = model_path() if self._parts[0].linkage is None else model_path(RODS_FILE)
         self.gravity = float(-load_model(file, drawn=False).opt.gravity[2])
-        """Amount of gravity in m/s^2: that of the file, as the one of a tilted base is rounded."""
+        """Gravity in m/s^2 from the file, as the components of a tilted base are rounded."""
         self._built = self._compiled(self._parts)
         self._now = self._built
         self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
@@ -559,7 +559,7 @@ class RigModels:
 
     @property
     def first(self) -> mujoco.MjModel:
-        """That of the first rig as it was built."""
+        """Model of the first rig as it was built."""
         return self._built[0]
 
     def heights(self, rigs: NDArray[np.integer] | None = None) -> Array:

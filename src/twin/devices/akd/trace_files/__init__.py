@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from twin.base.errors import one_line
-from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
+from twin.base.foreign import HEAD_BYTES, encoding_of, file_kind, with_article
 from twin.devices.akd.trace_files import captures, packed, tables, text
 from twin.devices.akd.trace_files.candump import (
     LOG_LINE,
@@ -61,7 +61,7 @@ def _opened(file: Path) -> BinaryIO:
 
 
 def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[TracedFrame]:
-    head = cast("io.BufferedReader", raw).read1(HEAD + 16)  # of a cut file what there is
+    head = cast("io.BufferedReader", raw).read1(HEAD_BYTES + 16)  # of a cut file what there is
     raw.seek(0)
     kind = file_kind(head)
     if kind in _PACKED_READERS:
