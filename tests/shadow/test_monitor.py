@@ -22,7 +22,7 @@ from twin.shadow.alarms import (
     CHANGE_TEST,
     DEAD_TIME,
     DEAD_TIME_TEST,
-    SCATTER,
+    SCATTER_ESTIMATE,
     ChangeTest,
     DeadTimeTest,
     SequentialTests,
@@ -224,7 +224,7 @@ def test_scatter_between_windows_is_learned_and_an_offset_is_not():
         factor = scatter(rolled(off), belief)[-1, ROLLING]
         assert factor == pytest.approx(times, abs=0.25 * times)
     wild = scatter(rolled(100 * expected * rng.standard_normal(400)), belief)
-    assert wild.max() == SCATTER.max_factor
+    assert wild.max() == SCATTER_ESTIMATE.max_factor
 
 
 def test_a_change_widens_nothing_while_it_may_still_be_one():

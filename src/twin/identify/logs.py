@@ -487,7 +487,7 @@ def read_any(
 
     Args:
         path: A text file with columns, with or without a header, or a file of one of
-            ``foreign_logs.READERS``.
+            ``foreign_logs.READERS_BY_KIND``.
         wanted: Role to column.
         separator: Between columns of text; None to find it.
 
@@ -530,7 +530,7 @@ def with_unit(name: str, unit: str | None) -> str:
 
 
 def open_content(path: Path) -> ForeignTable | str:
-    """The table of a file of one of ``foreign_logs.READERS``, or else its text.
+    """The table of a file of one of ``foreign_logs.READERS_BY_KIND``, or else its text.
 
     Raises:
         TwinError: If it cannot be read.

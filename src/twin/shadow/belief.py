@@ -27,12 +27,12 @@ from twin.sim.plant.friction import Friction
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
-BALL_PARAMETERS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
+BALL_BELIEFS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
-DRIVE_PARAMETERS = ("lag", "narrow_play", "wide_play", "transmission")
+DRIVE_BELIEFS = ("lag", "narrow_play", "wide_play", "transmission")
 """Parameters that the plate's motion shows: time constant in s, shares of lost motion as a narrow
 and a wide gap would make it, and how much farther than commanded the plate turns."""
-WATCHED_PARAMETERS = (*BALL_PARAMETERS, *DRIVE_PARAMETERS, "noise")
+WATCHED_PARAMETERS = (*BALL_BELIEFS, *DRIVE_BELIEFS, "noise")
 """All; the last is the logarithm of the screen's noise over what is believed."""
 
 FRICTION_EXTRAS = ("viscous", "stribeck", "dwell")
@@ -206,7 +206,7 @@ class Belief:
     @property
     def names(self) -> tuple[str, ...]:
         """The ball's parameters of a replay: those watched, and the others that are not zero."""
-        return (*BALL_PARAMETERS, *(name for name in FRICTION_EXTRAS if self.values[name]))
+        return (*BALL_BELIEFS, *(name for name in FRICTION_EXTRAS if self.values[name]))
 
     @property
     def theta(self) -> Array:
@@ -244,7 +244,7 @@ MAX_DEAD_TIME_S = 0.1
 """Longest dead time in s of the twin of a log of any rig: any excess is attributed to the plate."""
 
 
-def beside(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
+def twin_for_log(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
     """A log of any rig as a twin of it sees it, and that twin.
 
     Args:
