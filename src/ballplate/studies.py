@@ -17,7 +17,7 @@ from twin.base.page import Picture, Table, Text, fragment
 from twin.base.shipped import find
 from twin.base.writing import write_whole
 from twin.run.files import INDICATOR_UNITS
-from twin.run.tables import LABELS, by_run
+from twin.run.tables import INDICATOR_LABELS, by_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -151,7 +151,7 @@ class Sweep:
             figure.suptitle(literal(title), fontsize=11, fontweight="bold")
             panels = figure.subplots(len(wanted), sharex=True, squeeze=False)[:, 0]
             for panel, name in zip(panels, wanted, strict=True):
-                words, unit = LABELS.get(name, (name, ""))
+                words, unit = INDICATOR_LABELS.get(name, (name, ""))
                 for index, (curve, rows) in enumerate(self.curves.items()):
                     early = np.array([row["outcome"] != "finished" for row in rows])
                     each = np.array([row.get(name) for row in rows], float)
