@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @options.command("list", example="list")
-@options.JSON
+@options.JSON_OPTION
 def list_scenarios() -> None:
     """List the scenarios that can be run by name."""
     show_titles(scenarios())
@@ -38,18 +38,18 @@ def list_scenarios() -> None:
 
 @options.command(example="run circle --beside cure")
 @options.SCENARIO()
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.PLANT
-@click.option("--out", type=options.PATH, help="Run folder [runs/SCENARIO-CHANGES].")
+@options.PLANT_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Run folder [runs/SCENARIO-CHANGES].")
 @click.option(
     "--beside",
     multiple=True,
     metavar="SCENARIO",
     help="Run this one as well, simulated, for table and picture; may be repeated.",
 )
-@options.RIG
-@options.RESET
+@options.RIG_OPTION
+@options.RESET_OPTION
 @click.option(
     "--fault",
     "faults",
@@ -60,13 +60,13 @@ def list_scenarios() -> None:
 )
 @click.option(
     "--trace",
-    type=options.PATH,
+    type=options.PATH_TYPE,
     help="Of a rig: keep the frames of its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
 @options.VIEWING
-@options.ALL
-@options.JSON
+@options.ALL_OPTION
+@options.JSON_OPTION
 def run(
     scenario: str,
     overrides: tuple[str, ...],
@@ -153,16 +153,16 @@ def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
 
 @options.command(example='compare circle --vary \'controller.kind=["afl", "lqr"]\'')
 @click.argument("sources", nargs=-1, required=True, shell_complete=options.sources)
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.PLANT
-@options.WITH
-@options.VARY
-@click.option("--out", type=options.PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
-@options.PROCESSES
+@options.PLANT_OPTION
+@options.WITH_OPTION
+@options.VARY_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/compare-SOURCES-CHANGES].")
+@options.PROCESSES_OPTION
 @options.COLUMNS
-@options.ALL
-@options.JSON
+@options.ALL_OPTION
+@options.JSON_OPTION
 def compare(
     sources: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -213,13 +213,13 @@ def compare(
 @options.command(example="sweep circle plant.friction.rolling_mm=0:0.5:6")
 @options.SCENARIO()
 @click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=options.settings)
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.PLANT
-@options.VARY
-@click.option("--out", type=options.PATH, help="Folder [runs/sweep-...].")
-@options.PROCESSES
-@options.JSON
+@options.PLANT_OPTION
+@options.VARY_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/sweep-...].")
+@options.PROCESSES_OPTION
+@options.JSON_OPTION
 def sweep(
     scenario: str,
     values: str,
@@ -265,8 +265,8 @@ LISTED_KINDS = {"laws": "controller", "observers": "observer", "references": "re
 @click.argument(
     "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=options.names
 )
-@options.LAW
-@options.JSON
+@options.LAW_OPTION
+@options.JSON_OPTION
 def describe(name: str) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
@@ -315,7 +315,7 @@ _START_TABLES = read_toml(STARTS_IN / "starts.toml")
 LAW_STARTS: dict[str, dict[str, Any]] = _START_TABLES["like"]
 """What a law may begin as: what its start has otherwise."""
 START_FILES = {kind: Start(**about) for kind, about in _START_TABLES["starts"].items()}
-NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
+LAW_NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 @options.command(example="new law mine --like pid")
@@ -328,7 +328,7 @@ NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
 )
 def new(kind: str, name: str, like: str | None) -> int:
     """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
-    if not NAME_PATTERN.fullmatch(name) or keyword.iskeyword(name):
+    if not LAW_NAME_PATTERN.fullmatch(name) or keyword.iskeyword(name):
         allowed = "small letters, digits and _, no word of Python, as in my_law"
         raise ScenarioError(f"NAME '{name[:60]}': must be {allowed}")
     from twin.scenario.schema import CATALOG_TABLES, choices
@@ -376,9 +376,9 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
 
 
 @options.command(example="view runs/circle", reads=True)
-@click.argument("runs", nargs=-1, type=options.PATH, shell_complete=options.runs)
-@click.option("--rrd", type=options.PATH, help="Write a recording, open no viewer.")
-@options.SERVE
+@click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
+@click.option("--rrd", type=options.PATH_TYPE, help="Write a recording, open no viewer.")
+@options.SERVE_OPTION
 def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
 
@@ -452,9 +452,9 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
 
 
 @options.command(example="report runs/circle --format html,png", reads=True)
-@click.argument("runs", nargs=-1, type=options.PATH, shell_complete=options.runs)
+@click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
 @click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,svg")
-@click.option("--out", type=options.PATH, help="File without ending [RUN/report].")
+@click.option("--out", type=options.PATH_TYPE, help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     """Report on one run folder, or compare several: a page, pictures.
 
@@ -486,12 +486,12 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 
 
 @options.command(example="export runs/circle circle.mat", reads=True)
-@click.argument("run", type=options.PATH, shell_complete=options.runs)
-@click.argument("file", type=options.PATH)
+@click.argument("run", type=options.PATH_TYPE, shell_complete=options.runs)
+@click.argument("file", type=options.PATH_TYPE)
 @click.option(
     "--beside",
     multiple=True,
-    type=options.PATH,
+    type=options.PATH_TYPE,
     metavar="RUN",
     help="Of a moving picture: show this one as well; may be repeated.",
     shell_complete=options.runs,

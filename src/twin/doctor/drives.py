@@ -424,7 +424,7 @@ def measure_cams(
     weights = np.linalg.lstsq(basis, off, rcond=None)[0]
     left = (off - basis @ weights) / known.ratio
     nodes = np.stack(np.meshgrid(known.grid, known.grid, indexing="ij"), axis=-1)
-    # beyond what was reached the difference stays what it was at the edge
+    # beyond the reached angles the difference keeps its value at their edge
     angles = known.angles + _powers(np.clip(nodes, -reach, reach), sweep.degree) @ weights
     provenance: dict[str, Any] = {
         "made": "measured on a rig",
@@ -561,7 +561,7 @@ class TouchMeasurement:
 
     Attributes:
         point_span: Share of the screen's sides that the usual points span.
-        reports: Consecutive reports whose mean is a point, a third of a second of them.
+        reports: Number of consecutive reports that are averaged for a point, a third of a second.
         max_spread: Spread of these, in sides of the screen, above which the touch is still settling
             or moving.
         max_mark_error_m: Largest distance in m by which a finger or a ball misses a mark (assumed).

@@ -184,7 +184,7 @@ class EmulatedBus:
         ``drive.motor.sense``."""
         self.heard: Callable[[], None] = lambda: None
         """Called after each frame that the drives have taken in."""
-        self.beside: list[tuple[Frame, float]] = []
+        self.foreign_frames: list[tuple[Frame, float]] = []
         """Frames that a second master sends, and how often, in s."""
         self._order = count()
         self._later: list[tuple[float, int, Towards, Frame]] = []
@@ -217,7 +217,7 @@ class EmulatedBus:
         while self._later and self._later[0][0] <= self.time:
             _, _, towards, frame = heapq.heappop(self._later)
             self._arrive(frame, towards)
-        for frame, every in self.beside:
+        for frame, every in self.foreign_frames:
             if int(self.time / every + 1e-9) > int((self.time - dt) / every + 1e-9):
                 self.from_other(frame)
         self.moved(dt)
@@ -315,7 +315,7 @@ class DirectBus(can.BusABC):
 
     def _check(self) -> None:
         if not self.plugged:
-            raise CanOperationError("the adapter is gone")
+            raise CanOperationError("the adapter is unplugged")
 
 
 def message(
@@ -422,7 +422,7 @@ def nothing(_: float) -> None:
 
 
 _OK, _ERROR = b"\r", b"\a"
-_SYNC = b"t0800\r"
+_SYNC_LINE = b"t0800\r"
 _MAX_READ_BYTES = 1 << 16
 """Bytes that are taken at once."""
 _WARNING, _PASSIVE, _BUS_ERROR = 0x04, 0x20, 0x80
@@ -554,9 +554,9 @@ class SlcanPort(PseudoTerminal):
             data = b""
             while len(data) < _MAX_READ_BYTES and select.select([self.handle], [], [], 0)[0]:
                 data += os.read(self.handle, 4096)
-            *waited, newest = data.split(_SYNC)
+            *waited, newest = data.split(_SYNC_LINE)
             for number, part in enumerate(waited, start=1):
-                self.write(self.adapter.feed(part + _SYNC))
+                self.write(self.adapter.feed(part + _SYNC_LINE))
                 self.write(self.adapter.heard())
                 passing(number / len(waited))
             self.write(self.adapter.feed(newest))
@@ -624,7 +624,7 @@ class BusServer:
         self.lag = LatencyHistogram()
         """How late the bus's time was at each round: an emulator that starves answers late."""
         self.paused: Paused = never
-        self.beside: Passing = nothing
+        self.second_port: Passing = nothing
         """Called in every round with the time in s: a second port that is served."""
         self._step = step
         self._stop = threading.Event()
@@ -650,7 +650,7 @@ class BusServer:
                 # of SYNCs that have waited each has its own time; who comes meanwhile waits, too
                 self.port.pump(passing)
                 passing(1.0)
-                self.beside(now)
+                self.second_port(now)
 
     def stop(self) -> None:
         """End ``run``, from a second thread."""

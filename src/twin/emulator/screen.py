@@ -272,7 +272,7 @@ class Damage:
 
 FRAME_INTERVAL_S = 0.01736
 """Seconds between frames, as recorded from a screen of product 202E:0006."""
-DEAD_TIME = 0.042
+SCREEN_DEAD_TIME_S = 0.042
 """Seconds from a touch to its arrival, as the thesis measured."""
 SCAN_TICK = 1e-4
 """Seconds of one count of a scan time."""
@@ -309,7 +309,7 @@ class ScreenLine:
     protocol: Protocol = Protocol.MICROTOUCH
     baud: int = 9600
     frame: float = FRAME_INTERVAL_S
-    dead_time: float = DEAD_TIME
+    dead_time: float = SCREEN_DEAD_TIME_S
     spread: float = 0.0
     jitter: float = 0.0
     lost: float = 0.0

@@ -100,7 +100,7 @@ class FaultCase:
         first: The condition that stops the rig, where it shows before the expected one.
         stopped_by: Who must stop phi and theta; empty for the condition's severity.
         states: The states that phi and theta must reach; empty for those of ``REACHED``.
-        says: Text required in the line that a person reads.
+        says: Text required in the error line.
         wait: What passes in s before the device concerned is asked, when switching on.
         withheld: Whether the host is left with nothing but to end its heartbeat.
         hangs: Whether the host hangs: it detects nothing, so that the drives' detection counts.
@@ -397,10 +397,10 @@ def _causes(table: dict[str, Any]) -> dict[str, FaultCause]:
     }
 
 
-_TABLES = read_packaged("twin.safety", "causes.toml")
-OF_DRIVES = _causes(_TABLES["drives"])
+_CAUSE_TABLES = read_packaged("twin.safety", "causes.toml")
+OF_DRIVES = _causes(_CAUSE_TABLES["drives"])
 """What can go wrong with two drives and their bus, `LockstepDrives`."""
-OF_RIG = _causes(_TABLES["rig"])
+OF_RIG = _causes(_CAUSE_TABLES["rig"])
 """What can go wrong with a rig, `LockstepRig`."""
 
 
@@ -457,15 +457,15 @@ def uneven(rig: LockstepRig) -> None:
 
 @row_function
 def another_sync(rig: LockstepRig) -> None:
-    """Another master sends SYNC."""
-    rig.lockstep.bus.beside.append((Frame(0x080), 0.002))
+    """A second master sends SYNC."""
+    rig.lockstep.bus.foreign_frames.append((Frame(0x080), 0.002))
 
 
 @row_function
 def another_command(rig: LockstepRig, rate: float) -> None:
-    """Another master turns drive phi, at a rate in rad/s."""
+    """A second master turns drive phi, at a rate in rad/s."""
     turn = struct.pack("<Hi", 0x0F, round(rate / VELOCITY_UNIT))
-    rig.lockstep.bus.beside.append((Frame(_RPDO1 + 1, turn), 0.0005))
+    rig.lockstep.bus.foreign_frames.append((Frame(_RPDO1 + 1, turn), 0.0005))
 
 
 @row_function
@@ -503,7 +503,7 @@ def together(rig: LockstepRig, *named: Named) -> None:
 
 @row_function
 def then(rig: LockstepRig, seconds: float, first: Named, second: Named) -> None:
-    """A cause or function, and another one some seconds later."""
+    """A first cause or function, and a second one some seconds later."""
     due = rig.now() + seconds
     together(rig, first)
     _once(rig, lambda rig: rig.now() >= due, lambda rig: together(rig, second))
@@ -519,7 +519,7 @@ def in_turn(rig: LockstepRig, *named: Named) -> None:
 @row_function
 def also(rig: LockstepRig, cob_id: int, data: str, every: float, kind: str = "") -> None:
     """Somebody else sends a frame every so often, s; kind: remote or extended, if it is that."""
-    rig.lockstep.bus.beside.append((_frame(cob_id, data, kind), every))
+    rig.lockstep.bus.foreign_frames.append((_frame(cob_id, data, kind), every))
 
 
 @row_function
@@ -574,7 +574,7 @@ def unchecked(rig: LockstepRig) -> None:
 
 @row_function
 def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:
-    """The ball has another velocity at once, m/s."""
+    """The ball changes its velocity at once, m/s."""
     x, y = _ball(rig)
     rig.plant.devices.place(np.array([[x, x_rate, y, y_rate]]))
 
@@ -742,7 +742,7 @@ CASES = tuple(chain(*CASE_GROUPS.values()))
 
 
 def choose_cases(words: Sequence[str]) -> list[int]:
-    """Indices of the cases whose name or condition has all words of a text; all without a text.
+    """Indices of the cases with all of the words in name or condition; all if there are none.
 
     The beginning of a word is enough, in capital or small letters.
 

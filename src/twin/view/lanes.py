@@ -21,10 +21,10 @@ Mask = NDArray[np.bool_]
 Rgb = tuple[int, int, int]
 
 GOOD, CALM, WARNING, BAD = (0, 158, 115), (86, 180, 233), (230, 159, 0), (213, 94, 0)
-IDLE = (90, 96, 104)
+IDLE_COLOUR = (90, 96, 104)
 STATE_COLOURS: dict[str, dict[str, Rgb]] = {
     "supervisor": {
-        "off": IDLE,
+        "off": IDLE_COLOUR,
         "initialising": CALM,
         "ready": CALM,
         "running": GOOD,
@@ -73,7 +73,7 @@ class RunLanes:
     """The lanes of a run, block by block.
 
     Args:
-        scenario: What is run; its screen says when a frame is due.
+        scenario: The scenario of the run; its screen gives the times of the frames.
     """
 
     def __init__(self, scenario: Scenario) -> None:
