@@ -38,7 +38,7 @@ RATE_OUTPUTS, ACCELERATION_OUTPUTS = (
     ("requested_phi_acc", "requested_theta_acc"),
 )
 """The outputs that it may have: plate rates in rad/s, or plate accelerations in rad/s^2."""
-START_TIMEOUT_S = 30.0
+FMU_START_TIMEOUT_S = 30.0
 """Seconds in which the process must be there."""
 NUMBERS_MARK, ERROR_MARK = b"=", b"!"
 """First byte of an answer, and first byte of the error message that replaces one."""
@@ -106,7 +106,7 @@ class FmuProcess:
         self._reader.start()
         self._asked = False
         finalize(self, _end, self._process, folder)
-        self._hear(START_TIMEOUT_S)
+        self._hear(FMU_START_TIMEOUT_S)
 
     def ask(self, time: float, given: Array) -> Array:
         """The answer to what ``INPUTS`` has, shape (..., len(INPUTS)), at a time in s.

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from twin.scenario.schema import Dimensions, Scenario
 
 
-LONGEST_NAME = 60
+MAX_NAME_LETTERS = 60
 """Most letters of a variant's name: it stands in legends, tables and folders."""
 Label = TypeVar("Label")
 Found = TypeVar("Found")
@@ -479,8 +479,8 @@ def variants_of(
     found: dict[str, list[KeyChange]] = {}
     for given, settings in pairs:
         name = given.strip()
-        if not name or len(name) > LONGEST_NAME or not name.isprintable():
-            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {LONGEST_NAME} letters")
+        if not name or len(name) > MAX_NAME_LETTERS or not name.isprintable():
+            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {MAX_NAME_LETTERS} letters")
         if name in found:
             raise ScenarioError(f"{what} '{name}': two variants have this name")
         try:

@@ -247,7 +247,7 @@ class Log(Signals):
     units: Mapping[str, str]
 
 
-HOLD_OUT = 0.33
+HOLD_OUT_SHARE = 0.33
 """Share of a log that is held out from the fit."""
 
 
@@ -313,7 +313,7 @@ def identify(
     log: str | Path | Result | Sequence[str | Path],
     parameters: str | Iterable[str] = (),
     *,
-    hold_out: float | str | Path | Sequence[str | Path] = HOLD_OUT,
+    hold_out: float | str | Path | Sequence[str | Path] = HOLD_OUT_SHARE,
     columns: str | None = None,
     separator: str | None = None,
     ball: str | float | None = None,

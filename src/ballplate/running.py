@@ -390,7 +390,7 @@ EMULATED_RIG = "emulated"
 """The word for the virtual rig in place of a rig file."""
 WRITE_INTERVAL_S = 0.25
 """Seconds from one writing of what has been recorded to the next."""
-MOST = 2000
+ROWS_AT_A_TIME = 2000
 """Rows written at a time, so that one sees a writer that is behind go on."""
 SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
 """Beginnings of the keys that describe a simulated rig and mean nothing to a real one."""
@@ -604,7 +604,7 @@ def _write(buffer: tuple[int, int, str], into: Callable[..., Any], *more: Any) -
     step_back(EVIDENCE_NICENESS)
     with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
         append = None
-        for block in ring.blocks(WRITE_INTERVAL_S, MOST):
+        for block in ring.blocks(WRITE_INTERVAL_S, ROWS_AT_A_TIME):
             if block and len(block["time"]):
                 append = append or end.enter_context(into([*block], *more))
                 append(block)

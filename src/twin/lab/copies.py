@@ -21,7 +21,7 @@ from twin.lab.handed_in import Submission
 from twin.lab.schema import Lab, deal, fill_answer
 from twin.lab.words import words
 
-LAYOUT = {
+LAYOUT_TOKENS = {
     tokenize.COMMENT,
     tokenize.NL,
     tokenize.NEWLINE,
@@ -34,7 +34,7 @@ LAYOUT = {
 """Tokens that change nothing of what a program computes, and texts."""
 TOKEN_PATTERN = re.compile(r"[A-Za-z_]\w*|\d[\w.]*|[^\w\s]")
 """A token of a file that is no Python, or none that can be read."""
-NAME = "name"
+NAME_TOKEN = "name"
 """Stands for every name, so that another name for a variable makes no difference."""
 
 
@@ -84,9 +84,9 @@ def tokens_of(text: str, *, python: bool = True) -> list[str]:
     if python:
         with suppress(tokenize.TokenError, SyntaxError):
             every = tokenize.generate_tokens(io.StringIO(text).readline)
-            found = [each.string for each in every if each.type not in LAYOUT]
+            found = [each.string for each in every if each.type not in LAYOUT_TOKENS]
     names = re.compile(r"[^\W\d]\w*")
-    return [NAME if names.fullmatch(each) and not iskeyword(each) else each for each in found]
+    return [NAME_TOKEN if names.fullmatch(each) and not iskeyword(each) else each for each in found]
 
 
 def added_to(starter: Sequence[str], answer: Sequence[str]) -> list[str]:

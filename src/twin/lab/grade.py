@@ -47,7 +47,7 @@ from twin.lab.schema import (
     LOG_FILE,
     MAX_NAME_BYTES,
     PRIVATE_FILES,
-    RUNS,
+    RUNS_MESSAGE,
     CheckTable,
     Deal,
     Lab,
@@ -637,7 +637,7 @@ def grade(
         TwinError: If a folder cannot be read or written, or a process is killed.
     """
     for file in lab.own_code:
-        EXECUTION_LOG.info(RUNS, file)  # logged here, once, whatever process runs it
+        EXECUTION_LOG.info(RUNS_MESSAGE, file)  # logged here, once, whatever process runs it
     work = partial(grade_submission, lab, key, people, kept, source_of(lab))
     done, left = {}, []
     for each in handed_in:
@@ -670,7 +670,7 @@ def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
     return str(table.to_csv(index=False))
 
 
-FORMULA = re.compile(r"(^|[;,|])(\s*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])")
+FORMULA_START = re.compile(r"(^|[;,|])(\s*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])")
 """Where a spreadsheet would begin a formula: first in a cell, or after a sign between cells."""
 
 
@@ -679,7 +679,7 @@ def in_cell(text: str) -> str:
 
     An apostrophe is put before the beginning of one.
     """
-    return FORMULA.sub(r"\1\2'", printable(text))
+    return FORMULA_START.sub(r"\1\2'", printable(text))
 
 
 class SampleAnswer(NamedTuple):

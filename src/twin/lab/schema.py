@@ -388,7 +388,7 @@ def read(name: str | Path) -> Lab:
     return read_model(Lab, file, called=str(name), folder=place.resolve(), hidden=more)
 
 
-RUNS = "runs %s of the lab"
+RUNS_MESSAGE = "runs %s of the lab"
 """Log message before a lab's own file is run."""
 
 
@@ -398,7 +398,7 @@ def load_function(file: Path, function: str) -> Callable[..., Any]:
     Raises:
         ScenarioError: If there is none.
     """
-    EXECUTION_LOG.info(RUNS, file)
+    EXECUTION_LOG.info(RUNS_MESSAGE, file)
     call: Callable[..., Any] | None = run_path(str(file)).get(function)
     if not callable(call):
         raise ScenarioError(f"{file.name}: must define a function {function}")

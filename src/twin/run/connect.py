@@ -31,7 +31,7 @@ from twin.scenario.passed import has_passed
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
-UNPASSED = "`ballplate doctor --move` has not passed under this configuration"
+UNPASSED_REASON = "`ballplate doctor --move` has not passed under this configuration"
 """Why the first motion of a rig is slow."""
 
 
@@ -66,7 +66,7 @@ def connect(
         "reset": reset,
         "relaxed": rig.relaxed(period),
         "plate_lag": scenario.rig.plate_lag,
-        "unchecked": "" if transmission is not None or has_passed(rig) else UNPASSED,
+        "unchecked": "" if transmission is not None or has_passed(rig) else UNPASSED_REASON,
     }
     servos, screen = _devices(rig, Surroundings(period=period, limits=limits, hear=hear))
     if servos.sleep is time.sleep:

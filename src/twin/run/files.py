@@ -400,7 +400,7 @@ def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
 
 ROS2_TABLES = read_toml(Path(__file__).with_name("ros2.toml"))
 """Topics of an MCAP file, and the messages of ROS 2 on them."""
-UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+UPRIGHT_ORIENTATION = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 """The orientation of the frame itself, as a quaternion."""
 
 
@@ -439,7 +439,7 @@ def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
                 of_it = [now[name] for name in each["columns"]]
                 joints = {"position": of_it[:2], "velocity": of_it[2:], "effort": []}
                 position = dict(zip("xyz", (*of_it[:2], 0.0), strict=False))
-                pose = {"pose": {"position": position, "orientation": UPRIGHT}}
+                pose = {"pose": {"position": position, "orientation": UPRIGHT_ORIENTATION}}
                 # an encoder takes of it what its message has
                 content, schema = message | joints | pose, schemas[each["message"]]
                 writer.write_message(topic, schema, content, nanoseconds, sequence=row)

@@ -329,9 +329,9 @@ def run(
     )
 
 
-SPEED = 0.01
+MIN_MENTIONED_SPEED_M_S = 0.01
 """Speed in m/s at the start that is worth a word."""
-FAR = 0.02
+MIN_WARNED_DISTANCE_M = 0.02
 """Distance in m of the path that a law lays from the reference that is worth a warning."""
 
 
@@ -339,7 +339,7 @@ def out_of_reach(scenario: Scenario) -> str | None:
     """One line if the plate cannot give a scenario's reference, with the figures; else None.
 
     For a law that plans a path of its own: the distance of that path from the reference, if more
-    than ``FAR``; for any other: the requested acceleration.
+    than ``MIN_WARNED_DISTANCE_M``; for any other: the requested acceleration.
 
     Raises:
         ScenarioError: If law or reference refuse their settings.
@@ -359,10 +359,10 @@ def out_of_reach(scenario: Scenario) -> str | None:
     laid = law.planned_path(x, reference, period, count)
     away = np.hypot(*(laid - desired[0]).T)
     far = 0.0 if np.isnan(away).all() else float(np.nanmax(away))
-    if far < FAR:
+    if far < MIN_WARNED_DISTANCE_M:
         return None
     speed, why = np.abs(desired[1, 0]).max(), []
-    if speed > SPEED:
+    if speed > MIN_MENTIONED_SPEED_M_S:
         why.append(f"{speed:.2g} m/s at the start, from rest")
     if asked > (given := law.model.k1 * law.slope):
         why.append(f"up to {asked:.3g} m/s^2, where {given:.2g} are planned with")
@@ -495,7 +495,7 @@ def versions() -> dict[str, str]:
 
 
 _OPTIONAL_CHANNELS = {"state", "age", "touched", "timing", "computing", "reference", "laid"}
-NEEDED_COLUMNS = (
+RECORD_COLUMNS_NEEDED = (
     "time",
     *(
         name
@@ -527,7 +527,7 @@ def open_run(path: Path) -> list[Run]:
     """
     file = files.record_of(path)
     values, units, metadata = read_run(file)
-    missing = [name for name in NEEDED_COLUMNS if name not in values]
+    missing = [name for name in RECORD_COLUMNS_NEEDED if name not in values]
     for group in COLUMN_GROUPS:
         if not values.keys().isdisjoint(group):
             missing += [name for name in group if name not in values]

@@ -32,7 +32,7 @@ MARKED_PANELS = ("x", "y", "error")
 STRIP_STYLE: Any = {"alpha": 0.6, "linewidth": 0}
 STRIP_HEIGHT = 0.035
 """Height of a strip as a share of a panel's."""
-GREY = "0.5"
+NEUTRAL_GREY = "0.5"
 """Colour of the legend's entry for several runs, each of which has bands in its own."""
 
 
@@ -55,7 +55,7 @@ def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Seque
             panel.fill_between(motion.time, 0, STRIP_HEIGHT, transform=across, **look)
     if shares:
         words = f"held by friction, {' and '.join(dict.fromkeys(shares))} % of the time"
-        panels["plate"].fill_between([], [], [], label=words, facecolor=GREY, **STRIP_STYLE)
+        panels["plate"].fill_between([], [], [], label=words, facecolor=NEUTRAL_GREY, **STRIP_STYLE)
 
 
 # Okabe and Ito's colours, distinct with any colour vision; their orange darker and indigo for
@@ -78,7 +78,7 @@ REFERENCE_STYLE: dict[str, Any] = {
 }
 SECOND_AXIS_STYLE: dict[str, Any] = {"alpha": 0.55, "linestyle": (0, (4, 1.5))}
 """Of theta, drawn with phi in one panel."""
-TITLE_WIDTH = 100
+MAX_TITLE_LETTERS = 100
 """Characters in a line of the title."""
 LEGEND_WIDTH = 150
 """Characters in a line of the legend."""
@@ -267,7 +267,7 @@ def _draw(panels: Mapping[str, Axes], runs: Mapping[str, Motion], plate: Dimensi
     _label(panels)
     shade(panels, runs, RUN_COLOURS)
     if any(lost):
-        panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
+        panels["plate"].plot([], [], "X", color=NEUTRAL_GREY, label="left the plate")
 
 
 def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
@@ -282,7 +282,7 @@ def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
 
 def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: str) -> None:
     """Put all in its place: the legend below, the title above."""
-    lines = textwrap.wrap(title, TITLE_WIDTH, max_lines=3, placeholder=" ...")
+    lines = textwrap.wrap(title, MAX_TITLE_LETTERS, max_lines=3, placeholder=" ...")
     bottom = POINTS_PER_INCH * legend.get_window_extent().height / figure.dpi + ROOM_BELOW_PT
     height = (
         bottom

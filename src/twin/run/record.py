@@ -223,7 +223,7 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
         with pq.ParquetWriter(path, schema, use_dictionary=False) as writer:
             writer.write_table(found)
             # of the file, not of the schema: who changes its table writes another file without it
-            writer.add_key_value_metadata({CHECKSUM: seal})
+            writer.add_key_value_metadata({CHECKSUM_KEY: seal})
 
     write_whole(folder / "run.parquet", fill)
     remove(folder / STREAM_FILE)
@@ -246,7 +246,7 @@ def stream(
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
     schema, seal = _sealed({name: units.get(name, "") for name in columns}, metadata)
-    schema = schema.with_metadata({**schema.metadata, CHECKSUM: seal})
+    schema = schema.with_metadata({**schema.metadata, CHECKSUM_KEY: seal})
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
 
@@ -255,7 +255,7 @@ def stream(
             arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.values()]
             seal = _digest(seal, map(_bytes, arrays))
             batch = pa.RecordBatch.from_arrays(arrays, schema=schema)
-            writer.write_batch(batch, custom_metadata={CHECKSUM: seal})
+            writer.write_batch(batch, custom_metadata={CHECKSUM_KEY: seal})
             os.fsync(sink.fileno())
 
         yield append
@@ -272,7 +272,7 @@ def _arrow(values: NDArray[Any]) -> pa.Array:
     return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(values)])
 
 
-CHECKSUM = b"ballplate.checksum"
+CHECKSUM_KEY = b"ballplate.checksum"
 """Key of a SHA-256: in a Parquet file of the metadata, names, units and values of all columns; in a
 stream of the metadata, names and units, and with each batch the previous batch's and its values.
 It is with the file, so that a table that is read, changed and written again has none.
@@ -351,12 +351,12 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
         raise RecordError(f"{file}: metadata 'ballplate': {error}") from error
     if not isinstance(metadata, dict):
         raise RecordError(f"{file}: metadata 'ballplate': not a JSON object")
-    if TORN in about:
-        metadata["incomplete"] = [f"{file.name}: {about[TORN].decode()}"]
+    if TORN_KEY in about:
+        metadata["incomplete"] = [f"{file.name}: {about[TORN_KEY].decode()}"]
     return columns, units, metadata
 
 
-TORN = b"ballplate.torn"
+TORN_KEY = b"ballplate.torn"
 """Metadata key of a stream without its last rows; no file has it."""
 MOST_ROWS = MOST_PERIODS
 """Rows of a record that is read."""
@@ -408,7 +408,7 @@ def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table
         schema, rows = parquet.schema_arrow, parquet.metadata.num_rows
         names = wanted(schema)
         check_size(rows, len(schema), len(names), file.stat().st_size)
-        seal = (parquet.metadata.metadata or {}).get(CHECKSUM)
+        seal = (parquet.metadata.metadata or {}).get(CHECKSUM_KEY)
         if seal is None:
             return parquet.read(columns=names)
         if not all(is_number(each.type) for each in schema):
@@ -454,9 +454,9 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
     with file.open("rb") as source, pa.ipc.open_stream(source) as reader:
         schema = reader.schema
         names = wanted(schema)
-        sealed = CHECKSUM in (schema.metadata or {})
+        sealed = CHECKSUM_KEY in (schema.metadata or {})
         seal = _seal_of(schema)
-        if sealed and seal != schema.metadata[CHECKSUM]:
+        if sealed and seal != schema.metadata[CHECKSUM_KEY]:
             raise DamagedError("damaged: its head does not match its checksum")
         end = source.tell()
         # its last rows may be torn
@@ -467,7 +467,7 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
                 if sealed:
                     seal = _digest(seal, map(_bytes, batch.columns))
                     if any(each.null_count for each in batch.columns) or (
-                        seal != (custom or {}).get(CHECKSUM)
+                        seal != (custom or {}).get(CHECKSUM_KEY)
                     ):
                         break
                 batches.append(batch)
@@ -475,25 +475,25 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
                 end = source.tell()
         check_size(rows, len(schema), len(names), file.stat().st_size)
         source.seek(end)
-        left = source.read().removesuffix(ENDED)
-    if sealed and (left.count(CHECKSUM) > 1 or (left and _is_ended(file))):
+        left = source.read().removesuffix(END_OF_STREAM)
+    if sealed and (left.count(CHECKSUM_KEY) > 1 or (left and _is_ended(file))):
         since = batches[-1][0][-1].as_py() if batches else 0.0
         raise DamagedError(f"damaged: its rows after {since:.3f} s do not match their checksum")
     if left:
         lacks = "its last rows were being written or are damaged; they are left out"
-        schema = schema.with_metadata({**(schema.metadata or {}), TORN: lacks})
+        schema = schema.with_metadata({**(schema.metadata or {}), TORN_KEY: lacks})
     whole = [batch.replace_schema_metadata(schema.metadata) for batch in batches]
     return pa.Table.from_batches(whole, schema).select(names)
 
 
-ENDED = b"\xff\xff\xff\xff\0\0\0\0"
+END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"
 """Last bytes of a stream that was closed by its writer."""
 
 
 def _is_ended(file: Path) -> bool:
     with file.open("rb") as source:
-        source.seek(-len(ENDED), os.SEEK_END)
-        return source.read() == ENDED
+        source.seek(-len(END_OF_STREAM), os.SEEK_END)
+        return source.read() == END_OF_STREAM
 
 
 def read_metadata(file: Path) -> bytes | None:
