@@ -198,14 +198,10 @@ def identify_axes(
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
-    fits: dict[str, AxisFit] = {}
-    found: list[ParameterVerdict] = []
-    reasons = []
     first = logs[0]
     parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
     known = [part[0] for part in parts]
     others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
-    count = len(first.unit)
     joined = {
         axis: _join_logs([part[axis] for part in known], levers.get(axis), selection)
         for axis in first.unit
@@ -215,27 +211,10 @@ def identify_axes(
         if look:
             say(look.describe(axis, first.unit[axis]))
             notes += look.describe_ends(axis)
-    for k, (axis, unit) in enumerate(first.unit.items()):
-        log = joined[axis]
-
-        def advance(share: float, stage: str, k: int = k, axis: str = axis) -> None:
-            progress((k + share) / count, f"{axis}: {stage}")
-
-        try:
-            _check_excited(log)
-            fit, about = _select_model(log, names, selection, advance)
-            notes += [f"{axis}: {each}" for each in about]
-        except LogError as error:
-            reasons.append(f"{axis}: {error}")
-            lost = [
-                (_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH_PARAMETERS, "friction")
-            ]
-            found += [ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
-            continue
-        fits[axis] = fit
-        found += _assess_axis(fit, axis, unit, selection)
-        if fit.pushed:
-            notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
+    fits, found, reasons, remarks_on_fits = _fit_axes(
+        joined, first.unit, names, selection, progress
+    )
+    notes += remarks_on_fits
     if not fits:
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
@@ -263,6 +242,54 @@ def identify_axes(
         on=str(on or ""),
         how=selection.fitting.hold_out,
     )
+
+
+def _fit_axes(
+    logs: Mapping[str, AxisLog],
+    units: Mapping[str, str],
+    names: tuple[str, ...],
+    selection: AxisSelection,
+    progress: Callable[[float, str], None],
+) -> tuple[dict[str, AxisFit], list[ParameterVerdict], list[str], list[str]]:
+    """Fit the plain model to each axis by itself.
+
+    Args:
+        logs: The joined logs by axis, x or y.
+        units: Unit of the command by axis.
+        names: Parameters that are fitted in addition to the smooth ones.
+        selection: Constants of the fit.
+        progress: Called with the share of the work done and the name of the next step.
+
+    Returns:
+        The fits by axis, without an axis that cannot be fitted; the verdicts of the parameters of
+        all axes; a reason for each axis without a fit; notes for the report.
+    """
+    fits: dict[str, AxisFit] = {}
+    found: list[ParameterVerdict] = []
+    reasons, notes = list[str](), list[str]()
+    for k, (axis, log) in enumerate(logs.items()):
+
+        def advance(share: float, stage: str, k: int = k, axis: str = axis) -> None:
+            progress((k + share) / len(logs), f"{axis}: {stage}")
+
+        try:
+            _check_excited(log)
+            fit, about = _select_model(log, names, selection, advance)
+        except LogError as error:
+            reasons.append(f"{axis}: {error}")
+            found += [
+                ParameterVerdict(
+                    about=_about(name, units[axis]), name=f"{name}_{axis}", why=str(error)
+                )
+                for name in (*SMOOTH_PARAMETERS, "friction")
+            ]
+            continue
+        notes += [f"{axis}: {each}" for each in about]
+        fits[axis] = fit
+        found += _assess_axis(fit, axis, units[axis], selection)
+        if fit.pushed:
+            notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
+    return fits, found, reasons, notes
 
 
 def _predict_held_out(

@@ -6,7 +6,7 @@ From a log with plate angles to parameters, verdicts, and what they are worth on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any, cast
@@ -640,6 +640,79 @@ class TwinIdentification(Identification):
         }
 
 
+def _fit_windows(
+    log: PreparedLog,
+    windows: Windows,
+    names: tuple[str, ...],
+    selection: TwinSelection,
+    progress: Callable[[float], None],
+) -> tuple[tuple[str, ...], Fit[TwinProblem], Whiteness, list[str]]:
+    """Fit the parameters, on an even screen or, if that does not explain the log, an uneven one.
+
+    Args:
+        log: The log, with the kinds of friction at rest to try.
+        windows: Its windows.
+        names: The requested parameters.
+        selection: Constants of the fit.
+        progress: Called with the share of the work done.
+
+    Returns:
+        The fitted parameters (viscous friction may be added), the fit, the whiteness of its
+        residuals, and notes for the report.
+    """
+
+    def best(asked: tuple[str, ...], *, uneven: bool = False) -> Fit[TwinProblem]:
+        fits = [
+            fit_twin(
+                log.model,
+                windows,
+                fitted_parameters(asked),
+                grip,
+                uneven=uneven,
+                selection=selection,
+            )
+            for grip in log.grips
+        ]
+        return min(fits, key=lambda each: each.found.cost[0])
+
+    fit, notes = best(names), list[str]()
+    white = whiteness(fit)
+    progress(0.4)
+    if white.white and len(fit.problem.windows) >= selection.even_screen_share * len(windows):
+        return names, fit, white, notes
+    more: tuple[str, ...] = AT_REST
+    rough = best((*names, *more), uneven=True)
+    if "viscous" not in names and _has_viscous_friction(rough, selection):
+        more = (*more, "viscous")
+        rough = best((*names, *more), uneven=True)
+    left = whiteness(rough)
+    if not white.white or (left.white and any(rough.problem.sizes)):
+        fit, white = rough, left
+        notes.append(
+            "friction that differs from place to place, and other unknown forces, are taken as "
+            "a part of the noise: without it the log is not explained; a longer log tells more"
+        )
+        if "viscous" in more:
+            names = (*names, "viscous")
+            notes.append("friction grows with speed: viscous friction fitted along")
+    return names, fit, white, notes
+
+
+def _describe_fit(
+    log: Log, usable: PreparedLog, fit: Fit[TwinProblem], windows: int
+) -> Iterator[str]:
+    """Notes on the log and its fit; ``windows`` is the number of windows before the fit."""
+    if len(usable.grips) > 1:
+        kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
+        yield f"friction at rest taken to be {kind}, which fits better"
+    if left_out := windows - len(fit.problem.windows):
+        yield f"{left_out} of {windows} windows left out: no replay explains the ball there"
+    if not log.scenario and not log.age.any():
+        yield "column age missing or zero: a wait for a frame is counted in the dead time"
+    if usable.segments[0].command is None:
+        yield "no commanded rates in the log: the plate is taken from its encoders alone"
+
+
 def identify_twin(
     log: Log,
     names: tuple[str, ...],
@@ -675,51 +748,8 @@ def identify_twin(
             f"{0 if windows is None else len(windows)} windows to fit, at least 3 are needed"
         )
 
-    def best(asked: tuple[str, ...], *, uneven: bool = False) -> Fit[TwinProblem]:
-        fits = [
-            fit_twin(
-                usable.model,
-                windows,
-                fitted_parameters(asked),
-                grip,
-                uneven=uneven,
-                selection=selection,
-            )
-            for grip in usable.grips
-        ]
-        return min(fits, key=lambda each: each.found.cost[0])
-
-    fit = best(names)
-    notes, white = list(usable.notes), whiteness(fit)
-    progress(0.4)
-    if not white.white or len(fit.problem.windows) < selection.even_screen_share * len(windows):
-        more: tuple[str, ...] = AT_REST
-        rough = best((*names, *more), uneven=True)
-        if "viscous" not in names and _has_viscous_friction(rough, selection):
-            more = (*more, "viscous")
-            rough = best((*names, *more), uneven=True)
-        left = whiteness(rough)
-        if not white.white or (left.white and any(rough.problem.sizes)):
-            fit, white = rough, left
-            notes.append(
-                "friction that differs from place to place, and other unknown forces, are taken as "
-                "a part of the noise: without it the log is not explained; a longer log tells more"
-            )
-            if "viscous" in more:
-                names = (*names, "viscous")
-                notes.append("friction grows with speed: viscous friction fitted along")
-    if len(usable.grips) > 1:
-        kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
-        notes.append(f"friction at rest taken to be {kind}, which fits better")
-    count = len(fit.problem.windows)
-    if left_out := len(windows) - count:
-        notes.append(
-            f"{left_out} of {len(windows)} windows left out: no replay explains the ball there"
-        )
-    if not log.scenario and not log.age.any():
-        notes.append("column age missing or zero: a wait for a frame is counted in the dead time")
-    if usable.segments[0].command is None:
-        notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
+    names, fit, white, notes = _fit_windows(usable, windows, names, selection, progress)
+    notes = [*usable.notes, *notes, *_describe_fit(log, usable, fit, len(windows))]
     tried = replay_log(unknown, fit, lag, how) if unknown is not None and unknown.segments else {}
     if not tried and share < 1:
         notes.append("too little left to hold out")
@@ -733,7 +763,7 @@ def identify_twin(
     return TwinIdentification(
         source=usable.source,
         extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
-        f"were fitted, in {count} windows; {fit.found.termination}.",
+        f"were fitted, in {len(fit.problem.windows)} windows; {fit.found.termination}.",
         remarks=(f"{words[0].upper()}{words[1:]}.",),
         log=usable,
         seconds=known.length,
