@@ -67,7 +67,7 @@ NO_FLAGS = 0
 """Flags of a system call without any."""
 
 AUDIT_ARCH = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
-"""Machines whose system calls are known here (linux/audit.h)."""
+"""Machines with system calls that are known here (linux/audit.h)."""
 REFUSED_CALLS: dict[str, tuple[int | None, int | None]] = {
     # sockets: also those by datagram, by a path, and between others
     "socket": (41, 198),
@@ -95,7 +95,7 @@ REFUSED_CALLS: dict[str, tuple[int | None, int | None]] = {
     "add_key": (248, 217),
     "request_key": (249, 218),
     "keyctl": (250, 219),
-    # namespaces, mounts, another root
+    # namespaces, mounts, a new root
     "unshare": (272, 97),
     "setns": (308, 268),
     "mount": (165, 40),
@@ -170,9 +170,9 @@ EXECVE_NUMBERS = (59, 221)
 """Refused, too, unless the answer is a program, which is started by it."""
 CLONE, CLONE3 = (56, 220), (435, 435)
 OWN_PROCESS_ONLY = {"kill": (62, 129), "tkill": (200, 130), "tgkill": (234, 131)}
-"""System calls whose first argument must be this process."""
+"""System calls with this process as the only allowed first argument."""
 OWN_OR_ZERO = {"prlimit64": (302, 261), "sched_setaffinity": (203, 122)}
-"""System calls whose first argument must be this process, or 0, which stands for it."""
+"""System calls with this process, or 0 for it, as the only allowed first argument."""
 FCNTL, F_SETOWN, F_SETOWN_EX = (72, 25), 8, 15
 """Call and commands that choose the process to which signals of a file are sent."""
 FIRST_UNKNOWN_CALL = 457
@@ -267,7 +267,7 @@ def refuse_calls(*, program: bool) -> bool:
     """Have the system refuse calls that an answer does not need, in this process and its threads.
 
     Args:
-        program: Whether this process is about to start a program in another language.
+        program: Whether this process is about to start a program that is not Python.
 
     Returns:
         Whether the system can do it: Linux with seccomp, on x86_64 or aarch64.

@@ -118,7 +118,7 @@ def format_result(result: Result, form: str) -> str:
 
     Args:
         result: The result.
-        form: ``json``, all of it, whose ``results`` have the fields of check50; ``gradescope``,
+        form: ``json``, all of it: its ``results`` have the fields of check50; ``gradescope``,
             ``classroom50``, which reads the environment of its runner, or ``junit``: the templates
             in ``lab/templates``.
     """
@@ -276,7 +276,7 @@ def student_page(
         judge: Judges the answer.
         result: Its result.
         everything: Whether hidden checks are on it, too.
-        drawing: The picture; by default that of the check that lost most points.
+        drawing: The picture; by default the one of the check that lost most points.
     """
     results, say = result["results"], words(judge.lab.language)
     shown = [each for each in results if everything or each["visible"] != "hidden"]
@@ -628,7 +628,7 @@ def grade(
         people: The students of the class; None for everyone who hands in.
         handed_in: The submissions.
         kept: Folder of the results, a file and a page for each student, written as soon as it is
-            complete. Nothing is simulated again whose answer, rig, runs and code are unchanged:
+            complete. A check with unchanged answer, rig, runs and code is not simulated again:
             points and texts are made from the measurements that are kept there.
         processes: Number of submissions that are graded at the same time.
         progress: Called with the number of finished ones.

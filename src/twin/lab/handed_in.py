@@ -47,11 +47,11 @@ class Submission(NamedTuple):
     """The submission of a student.
 
     Attributes:
-        student: The student, by a name that may be that of a file; else the entry's name, readable.
+        student: The student, by a name that is valid for a file; else the entry's name, readable.
         answer: The answer; its expected path if there is none.
         rig: The ``rig.toml``, or its expected path.
         problem: The reason why it cannot be graded, in a line; empty if it can.
-        named: Whether the student's name may be that of a file.
+        named: Whether the student's name is valid for a file.
         apart: Whether it is in a folder of the student's own, not among the files of others.
     """
 
@@ -198,7 +198,7 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
     """The student to whom an entry belongs.
 
     Raises:
-        ScenarioError: If it belongs to nobody: what it is, in words.
+        ScenarioError: If it belongs to no student; the message describes it.
     """
     name, mode = path.name, path.lstat().st_mode
     if name.startswith(".") or name == "__MACOSX":

@@ -213,8 +213,8 @@ def is_loopback(host: str) -> bool:
 def require_token(app: App, token: str = "") -> App:
     """An ASGI application that passes only permitted requests to the application it wraps.
 
-    A page of another origin may not, whatever browser it runs in: neither open a connection nor,
-    by a name that leads to this machine, read what is served.
+    A page of a foreign origin may not, whatever browser it runs in: neither open a connection nor,
+    by a name that leads to this machine, read the served files.
 
     Args:
         app: Who answers.
@@ -292,12 +292,12 @@ class Audience:
 
     @property
     def gone(self) -> bool:
-        """Whether everybody has left for good."""
+        """Whether all browsers have left for good."""
         return self._left is not None and self._clock() - self._left > self._patience
 
 
 MIN_SENDING_INTERVAL_S = 1 / 32
-"""Seconds from one picture that is sent to the next."""
+"""Shortest time in s between two pictures that are sent."""
 RECONNECT_TIMEOUT_S = 15.0
 """Seconds to wait for a browser that does not answer, on a busy machine; a closed one counts as
 disconnected at once."""

@@ -81,7 +81,7 @@ Inbox = Callable[[float], Sequence[Event]]
 MAX_AHEAD_S = 0.004
 """Seconds the simulation may be ahead of the clock, so that it need not sleep every period."""
 MAX_BEHIND_S = 0.1
-"""Seconds behind the clock from which on it is no longer caught up with."""
+"""Largest delay behind the clock in s that the simulation makes up for."""
 FACTOR_WINDOW_S = 1.0
 """Seconds over which the real-time factor is taken."""
 
@@ -90,7 +90,7 @@ class Pace:
     """When a simulated time is due by the clock.
 
     Args:
-        clock: Seconds of the wall clock; another one for tests.
+        clock: Seconds of the wall clock; tests give their own.
     """
 
     def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
@@ -155,7 +155,7 @@ class Errors:
 
 
 class Status(NamedTuple):
-    """What the page says in words; sent when it changes.
+    """The texts of the page; sent when they change.
 
     Attributes:
         tables: The scenario as it is now.
@@ -184,18 +184,18 @@ IDLE_WAIT_S = 0.05
 
 
 class _RestartLoop(Exception):  # noqa: N818  no error: a stretch of the run is over
-    """The loop is left and entered again, with another state, controller or record."""
+    """The loop is left and entered again, with a new state, controller or record."""
 
 
 class Session:
-    """One rig, its clean model beside it, and the person who drives them.
+    """One rig, its clean model, and the person who drives them.
 
     Args:
         scenario: What to begin with.
         inbox: Where the person's events come from.
-        show: Is given the numbers of a picture.
-        tell: Is told what is said in words.
-        pace: Holds it to the clock.
+        show: Called with the numbers of a picture.
+        tell: Called with the texts of the page.
+        pace: Keeps it in step with the clock.
         write: Writes what is to be saved; elsewhere, so that the simulation need not wait.
         paused: Whether time stands still to begin with.
 
@@ -228,7 +228,7 @@ class Session:
         self._events: deque[Event] = deque()
         self._over = self._again = False
         self._paused = paused
-        self._tell, self._status, self._told = tell, Status({}), Status({})
+        self._tell, self._status, self._sent = tell, Status({}), Status({})
         self._every = max(1, round(PICTURE_INTERVAL_S / scenario.rig.period))
         self._both = DrivenRig(self.driven)
         rig = self._both.rig
@@ -323,7 +323,7 @@ class Session:
                 raise TwinError("the run has ended; go back first")
 
     def _stand(self) -> None:
-        """The run has ended: it can be saved, and gone back from."""
+        """Wait after the end of the run, which can still be saved or set back."""
         assert self.outcome is not None
         time = self.record.end
         self._show(self._picture(time))
@@ -389,10 +389,10 @@ class Session:
         return self._both.picture(time, self.driven, last, self._pace.factor)
 
     def _note(self, message: str, *, wrong: bool = False) -> None:
-        """Have a message to be told next."""
+        """Set the message that is sent next."""
         self._status = self._status._replace(message=message, wrong=wrong)
         if wrong:
-            self._told = Status({})  # told again, as the page may show what was refused
+            self._sent = Status({})  # sent again, as the page may show the refused value
 
     def _say(self, time: float) -> None:
         """Tell how things are, with the last message, if anything has changed."""
@@ -401,6 +401,6 @@ class Session:
         ended = self.outcome
         why = "" if ended is None else f"{ended.ending}: {ended.reason}".rstrip(": ")
         status = self._status._replace(tables=tables, paused=self._paused, ended=why)
-        if status != self._told:
-            self._told = self._status = status
+        if status != self._sent:
+            self._sent = self._status = status
             self._tell(status)
