@@ -88,7 +88,7 @@ class KeyChange(NamedTuple):
 
     @classmethod
     def of(cls, key: str, value: Any) -> KeyChange:
-        """That of a key and a plain value."""
+        """The change of a key to a plain value."""
         from twin.scenario.load import format_toml_value
 
         return cls(key, value, f"{key}={format_toml_value(value)}")
@@ -321,7 +321,7 @@ def model(
     more are functions of any state.
 
     Args:
-        scenario: Whose ball it has, on which the scenario's controller is designed unless
+        scenario: Scenario with the ball on which its controller is designed, unless
             ``controller.model`` is set; the nominal one by default.
         settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
         changes: What is changed of that scenario, by tables.

@@ -29,7 +29,7 @@ class Result(Run):
     Made by ``run``, ``compare``, ``load`` and ``Rig.result``; shows itself in a notebook.
 
     Attributes:
-        label: What it ran on, as ``honest twin``; of an opened run its name.
+        label: Name of its plant, as ``honest twin``; of an opened run its name.
         baseline: The same controller on the clean model; None if that did not run.
         beside: Further runs of its table and picture, by name.
 
@@ -140,7 +140,7 @@ class Result(Run):
             reporter: Receives progress; a notebook has its own.
             cut: Of a moving picture, those of ``twin.run.film.Cut``: ``fps``, frames a second [20];
                 ``since`` and ``until``, times of the run at which it begins and ends, s [all];
-                ``seconds``, its duration [that of the run]; ``size``, its width in
+                ``seconds``, its duration [the run's]; ``size``, its width in
                 pixels [600]; ``render``, ``plate`` from above or ``mujoco`` for the mechanism in
                 3D, which needs EGL or OSMesa.
 

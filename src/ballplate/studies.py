@@ -307,12 +307,12 @@ class StudyResult:
 
     @property
     def title(self) -> str:
-        """What it is about."""
+        """Subject of the study, in a line."""
         return self.work.study.title
 
     @property
     def sentences(self) -> list[str]:
-        """What it found, in words."""
+        """Its results, in sentences."""
         from twin.study.report import sentences
 
         return sentences(self.work.study, self.answers)
@@ -445,7 +445,7 @@ def family(
 
     Raises:
         ScenarioError: If there is no such family or scenario, or anything in it, the number of
-            rigs or that of the draw is unknown or out of range.
+            rigs or the number of the draw is unknown or out of range.
 
     Examples:
         >>> import ballplate as bp

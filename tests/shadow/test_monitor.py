@@ -20,7 +20,7 @@ from twin.identify.prepare import Segment
 from twin.scenario import load
 from twin.shadow.alarms import (
     CHANGE_TEST,
-    DEAD_TIME,
+    DEAD_TIME_CAUSES,
     DEAD_TIME_TEST,
     SCATTER_ESTIMATE,
     ChangeTest,
@@ -162,12 +162,12 @@ def test_no_window_adds_more_than_it_may_whatever_came_before(belief):
     found = windows(0.002 * rng.standard_t(1.5, 60))
     ratio = dead_time_ratio(found, belief)
     assert np.diff(ratio, prepend=0.0).max() <= MAX_INCREMENT + 1e-9
-    assert np.diff(added_up(found, belief, 0, DEAD_TIME, np.inf)).max() > 1.5 * MAX_INCREMENT
+    assert np.diff(added_up(found, belief, 0, DEAD_TIME_CAUSES, np.inf)).max() > 1.5 * MAX_INCREMENT
 
 
 def test_without_a_bound_it_is_the_largest_ratio_of_any_change(belief):
     found = windows(np.repeat((0.0, 0.004), 10))
-    every = added_up(found, belief, 0, DEAD_TIME, np.inf)
+    every = added_up(found, belief, 0, DEAD_TIME_CAUSES, np.inf)
     prior = belief.drift[LATE] ** 2
 
     def evidence(d, variance, mean):  # of windows with independent errors, by their joint density

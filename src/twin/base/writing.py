@@ -84,12 +84,12 @@ def lock_file(folder: Path) -> Path:
     above = next(each for each in place.parents or (place,) if each.exists())
     if place.parent == place or (place.is_dir() and not os.access(above, os.W_OK)):
         return place / ".lock"
-    inner = place.name if len(os.fsencode(place.name)) <= MAX_NAME_BYTES else None
+    inner = place.name if len(os.fsencode(place.name)) <= MAX_FOLDER_NAME_BYTES else None
     mark = inner or hashlib.sha256(os.fsencode(place.name)).hexdigest()
     return place.with_name(f".{mark}.lock")
 
 
-MAX_NAME_BYTES = 200
+MAX_FOLDER_NAME_BYTES = 200
 """Bytes of a folder's name to which others can be added: file systems allow 255."""
 
 

@@ -502,7 +502,9 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
-@click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
+@click.option(
+    "--reference", "reference_output", is_flag=True, help="Of a rig: its reference is an output."
+)
 @click.option("--bus", is_flag=True, help="A drive, akd, as a node of a simulated CAN bus.")
 @click.option(
     "--real", type=click.Choice(("double", "float")), help="Of a controller in C [double]."
@@ -518,7 +520,7 @@ def export(
     file: Path,
     beside: tuple[Path, ...],
     fmi: str | None,
-    wished: bool,
+    reference_output: bool,
     bus: bool,
     real: str | None,
     overrides: tuple[str, ...],
@@ -541,7 +543,7 @@ def export(
     if real and file.suffix != ".c":
         raise RecordError(f"{file}: --real is of a controller in C: .c")
     given = {name: value for name, value in cut.items() if value is not None}
-    of_picture, of_rig = beside or given, fmi or wished
+    of_picture, of_rig = beside or given, fmi or reference_output
     if bus:
         if of_picture or of_rig or overrides:
             raise RecordError(f"{file}: a drive, --bus, is exported without any other option")
@@ -556,7 +558,9 @@ def export(
             )
         from ballplate.rigs import fmu
 
-        made = fmu(run, file, overrides, fmi=int(fmi or 2), wished=wished, reporter=TERMINAL)
+        made = fmu(
+            run, file, overrides, fmi=int(fmi or 2), wished=reference_output, reporter=TERMINAL
+        )
         say(f"written to {made}")
         return 0
     if file.suffix == ".c":

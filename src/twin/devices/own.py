@@ -26,8 +26,8 @@ from controllers.arrays import Array
 from controllers.catalog import EXECUTION_LOG, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.common import FaultReports, Ranged, net, range_field
-from twin.hal.agreement import AXES, OPPOSITE, WRONG_RATIO
-from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
+from twin.hal.agreement import OPPOSITE, WRONG_RATIO
+from twin.hal.interface import AXIS_NAMES, Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")
 Own = TypeVar("Own", bound="OwnDevice")
@@ -668,7 +668,7 @@ class OwnServos(_OwnDriver):
     def _watch_direction(self, test: _DirectionTest) -> None:
         """Report an axis that is measured to turn against its commands."""
         commanded, measured = np.split(np.array(self._motion), 2, axis=1)
-        for axis, name in enumerate(AXES):
+        for axis, name in enumerate(AXIS_NAMES):
             asked, seen = commanded[:, axis], measured[:, axis]
             if test.opposite(asked, seen, self._period):
                 turned = np.degrees((asked[-1] - asked[0], seen[-1] - seen[0]))
@@ -684,7 +684,7 @@ class OwnServos(_OwnDriver):
         """Report an axis that is measured to turn farther than commanded."""
         gain = self._scale(axis)
         if gain is not None and gain >= SCALE_TEST.too_far:
-            text = f"{AXES[axis]}: measured {gain:.1f} times what is commanded"
+            text = f"{AXIS_NAMES[axis]}: measured {gain:.1f} times what is commanded"
             self._report(WRONG_RATIO, text)
 
     def _describe_scale(self, axis: int) -> str:
@@ -692,7 +692,7 @@ class OwnServos(_OwnDriver):
         gain = self._scale(axis)
         if gain is None or gain > SCALE_TEST.too_near:
             return ""
-        seen = f"{AXES[axis]} is measured to turn {gain:.1f} times what is commanded"
+        seen = f"{AXIS_NAMES[axis]} is measured to turn {gain:.1f} times what is commanded"
         return f"; {seen}: check its scale, and whether the servos are fast enough"
 
 

@@ -19,8 +19,9 @@ from controllers.interfaces import Measurement
 from twin.base.errors import RigError
 from twin.devices.common import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
-from twin.hal.agreement import AXES, Agreement, BallAgreement
+from twin.hal.agreement import Agreement, BallAgreement
 from twin.hal.interface import (
+    AXIS_NAMES,
     NOMINAL_PERIOD,
     Condition,
     Fault,
@@ -93,7 +94,11 @@ class MotorPlateWatch:
         if found is None:
             return ()
         self._agreement = None
-        return (Fault(found.condition, f"axis {AXES[found.axis]}", found.text, self._servos.now()),)
+        return (
+            Fault(
+                found.condition, f"axis {AXIS_NAMES[found.axis]}", found.text, self._servos.now()
+            ),
+        )
 
 
 class HardwareRig(Rig):

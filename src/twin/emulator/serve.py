@@ -372,7 +372,7 @@ class VirtualRig(VirtualBus):
 EMULATOR_PRIORITY = 70
 """Of SCHED_FIFO: before every ordinary process, after the host's loop (80)."""
 ENDED_MESSAGE = "emulated rig: its process has ended; was it killed?"
-SERVER_START_TIMEOUT_S = 60.0
+EMULATOR_START_TIMEOUT_S = 60.0
 """Longest time in s that the process may take to start."""
 
 
@@ -545,6 +545,6 @@ def _rig_file(pipe: Connection) -> Tables:
         RigError: It has ended, or takes too long.
     """
     with suppress(EOFError):
-        if pipe.poll(SERVER_START_TIMEOUT_S):
+        if pipe.poll(EMULATOR_START_TIMEOUT_S):
             return pipe.recv()
     raise RigError("emulated rig: its process did not start; run ballplate emulate to see why")

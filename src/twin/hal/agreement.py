@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
-from twin.hal.interface import Condition, Severity, Transmission
+from twin.hal.interface import LEVEL_REACTION, Condition, Severity, Transmission
 
 _STOP_REACTION = "zero rate, then no torque"
 _CHECK_WIRING = "check wiring, signs and scales with `ballplate doctor --move`, then run again"
@@ -28,18 +28,13 @@ WRONG_RATIO = Condition(
 EXCHANGED = Condition(
     "axes exchanged", Severity.STOP, 0.25, _STOP_REACTION, _CHECK_WIRING, periods=4
 )
-_LEVEL_REACTION = "level the plate, then hold"
-DRIVES_EXCHANGED = Condition(
-    "drives exchanged", Severity.LEVEL, 2.0, _LEVEL_REACTION, _CHECK_WIRING
-)
+DRIVES_EXCHANGED = Condition("drives exchanged", Severity.LEVEL, 2.0, LEVEL_REACTION, _CHECK_WIRING)
 UPHILL = Condition(
-    "ball rolls against the tilt", Severity.LEVEL, 2.0, _LEVEL_REACTION, _CHECK_WIRING
+    "ball rolls against the tilt", Severity.LEVEL, 2.0, LEVEL_REACTION, _CHECK_WIRING
 )
 AGREEMENT_CONDITIONS = (OPPOSITE, WRONG_RATIO, EXCHANGED, DRIVES_EXCHANGED, UPHILL)
 """All conditions of motors, plate and ball. Motors against plate are detected in that time where it
 turns at 10 deg/s, the ball against the plate where that is tilted by 1 deg."""
-
-AXES = ("phi", "theta")
 
 
 class Disagreement(NamedTuple):

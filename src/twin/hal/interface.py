@@ -30,6 +30,10 @@ class Severity(StrEnum):
     STOP = "stop"
 
 
+AXIS_NAMES = ("phi", "theta")
+"""The axes of the plate, in the order of every array of axes."""
+LEVEL_REACTION = "level the plate, then hold"
+"""Reaction to a condition of severity LEVEL, in words."""
 NOMINAL_PERIOD = 0.002
 """Control period of the thesis in s, the default of every rig."""
 

@@ -118,7 +118,7 @@ def parts_of(scenario: Scenario) -> Parts:
 
 
 def drawn_mechanism(scenario: Scenario) -> MjModel:
-    """The mechanism of a scenario to look at, of another plate only that."""
+    """The mechanism of a scenario for a picture; a plate of a different size is drawn alone."""
     from twin.sim.plant.model import drawn_model  # noqa: PLC0415  heavy: loaded when needed
 
     screen, area, _, rounded = scenario.dimensions
@@ -193,8 +193,8 @@ class PlantKind(NamedTuple):
 
     Attributes:
         make: From N scenarios and a number of threads; the plant, and what its rigs know of cams.
-        label: What a run on it is called beside runs on others.
-        least: Rigs from which on a batch is calculated in the same way, to the bit, however many.
+        label: Label of a run on it among runs on other plants.
+        least: Smallest batch that gives the same bits as any larger one.
         change: Lets it go on as scenarios say; by default it cannot.
         rebuild: Lets rigs of some numbers be what the scenarios of all say.
         foresee: Does ahead of time what takes long of ``change``.
@@ -268,21 +268,21 @@ def _friction(scenarios: Sequence[Scenario]) -> Friction:
 
 
 _surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values()))
-"""What a scenario says of its surface."""
+"""The surface settings of a scenario."""
 
 
 @lru_cache(maxsize=4096)
 def _draw_surface(
-    said: tuple[Any, ...], size: tuple[float, float], ball: BallPlate
+    given: tuple[Any, ...], size: tuple[float, float], ball: BallPlate
 ) -> SurfaceMap | None:
     """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
-    given = zip(settings_of(SurfaceModel).items(), said, strict=True)
-    values = {name: about.unit.to_si(value) for (name, about), value in given}
+    settings = zip(settings_of(SurfaceModel).items(), given, strict=True)
+    values = {name: about.unit.to_si(value) for (name, about), value in settings}
     return SurfaceModel(**values).map(size, ball)
 
 
 Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]
-"""Is given what the scenarios of N rigs said until now, and what they say from now on."""
+"""Called with the former and the new scenarios of N rigs."""
 
 
 class RigChanges:
@@ -343,8 +343,8 @@ def change_devices(
 
     Args:
         devices: Of N rigs.
-        old: What the scenarios said until now, one per rig.
-        new: What they say now.
+        old: The former scenarios, one per rig.
+        new: The new scenarios.
         plant: Whether the plant is to go on as they say, too.
 
     Raises:
@@ -365,8 +365,8 @@ def change_transmission(
     Args:
         rig: The rigs.
         known: The transmission without errors.
-        old: What the scenarios said until now, one per rig.
-        new: What they say now.
+        old: The former scenarios, one per rig.
+        new: The new scenarios.
     """
     if differ(old, new, simulated.TransmissionError):
         rig.replace_transmission(with_calibration_error(known, new))
@@ -465,9 +465,9 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
             "share their computer; give seconds"
         )
     laws = _each(scenarios, [law_of(each) for each in scenarios], build_law)
-    told = [each.model_dump_json(include={"observer", "predictor"}) for each in scenarios]
+    estimation = [each.model_dump_json(include={"observer", "predictor"}) for each in scenarios]
     needs = [(each.designed_on, law.needs) for each, law in zip(scenarios, laws, strict=True)]
-    observers = _each(scenarios, list(zip(told, needs, strict=True)), _observer)
+    observers = _each(scenarios, list(zip(estimation, needs, strict=True)), _observer)
     ways = [(each.reference.model_dump_json(), str(each.rig.limits.area)) for each in scenarios]
     references = _each(scenarios, ways, build_reference)
     for law, observer in zip(laws, observers, strict=True):
@@ -552,7 +552,7 @@ def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Ref
     """The reference of a scenario, which must stay within the operating area.
 
     Args:
-        scenario: Whose.
+        scenario: The scenario with the reference.
         allowed: Operating area |x|, |y| of the rig that it runs on, m; the scenario's by default.
 
     Raises:
@@ -622,7 +622,7 @@ def assemble(
         seeds: Root of the noise, one per rig; made from each scenario's seed by default, so that a
             rig has the same noise alone and in a batch.
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
-        changeable: Whether it may be told of further changes while it runs (``Changes.follow``).
+        changeable: Whether it accepts further changes while it runs (``Changes.follow``).
         unseen: Whether nobody sees how the plate is left, so that it need not be levelled.
         as_alone: As for ``build_plant``.
 
@@ -659,7 +659,7 @@ def build_rig(
         transmission: Plate angles to motor angles, as the rigs believe.
         seeds: Root of the noise, one per rig.
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
-        changeable: Whether they may be changed while they run, also where no scenario says so.
+        changeable: Whether they may be changed while they run, also where no scenario has changes.
     """
     rig = simulated.SimulatedRig(
         build_devices(scenarios, plant, seeds=seeds),
@@ -675,7 +675,7 @@ def build_rig(
 
 
 def batch_keys(scenario: Scenario) -> dict[str, Any]:
-    """What a scenario says of that in which the rigs of a batch must agree, by key."""
+    """Values of the keys that must be equal within a batch."""
     keys = SHARED_KEYS + (SHARED_EXACT if scenario.plant.kind == "lagrange" else ())
     return {key: value_of(scenario, key) for key in keys}
 
@@ -705,7 +705,7 @@ def build_devices(
     Args:
         scenarios: One per rig.
         plant: All of them.
-        period: Control period in s; that of the scenarios by default.
+        period: Control period in s; by default the period of the scenarios.
         seeds: Root of the noise, one per rig.
         touch: Imperfections of the touch screen in place of the scenarios' own.
         encoders: Imperfections of the plate encoders in place of the scenarios' own.

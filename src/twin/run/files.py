@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 RUNS_FOLDER = Path("runs")
-"""Folder of the working folder in which every run has its own, unless another one is given."""
+"""Folder of the working folder in which every run has a folder by default."""
 NEWEST_RUN = "last"
 """The word that stands for the newest run wherever a run folder is asked for."""
 STREAM_FILE = "run.arrows"
@@ -168,7 +168,7 @@ def is_last(path: Path) -> bool:
 
 
 def record_of(path: Path) -> Path:
-    """The file of a run or log: of a run folder its record, of ``last`` that of the newest run.
+    """The file of a run or log: of a run folder its record, of ``last`` the newest run's record.
 
     Raises:
         RecordError: If ``last`` is asked for and there is none, or the folder holds several runs.
@@ -283,7 +283,7 @@ BAG_SUFFIXES = {".mcap", ".db3"}
 
 
 def log_file(path: Path) -> Path:
-    """The file of a recorded run or log; of the folder of a bag of ROS 2 that of its messages.
+    """The file of a recorded run or log; of the folder of a bag of ROS 2 its file of messages.
 
     Raises:
         TwinError: If there is none, or the bag has several.
@@ -352,8 +352,8 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
         about: What else there is to tell, by name: attachments of an MCAP file, in JSON.
 
     Raises:
-        RecordError: If the ending is none of these, what it needs is lacking, or the file cannot be
-            written.
+        RecordError: If the ending is none of these, a package for it is missing, or the file cannot
+            be written.
     """
     write = WRITERS.get(path.suffix)
     if write is None:

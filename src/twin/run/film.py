@@ -67,7 +67,7 @@ class Cut:
         fps: Frames a second.
         since: Time of the run at which it begins, s; None for the first.
         until: Time at which it ends, s; None for the last of the longest run.
-        seconds: How long the picture lasts, s; None for as long as what it shows.
+        seconds: How long the picture lasts, s; None for the duration of the shown time.
         size: Its width in pixels.
         render: ``plate``: from above; ``mujoco``: of the first run the mechanism in 3D instead.
 

@@ -427,7 +427,7 @@ def save_record(run: Run, folder: Path) -> None:
 
 
 def draw(
-    run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
+    run: Run, folder: Path, shown: dict[str, Motion], helper: SecondProcess | None = None
 ) -> None:
     """Write the picture of a run folder.
 
@@ -435,12 +435,12 @@ def draw(
         run: The run.
         folder: Where; made if missing.
         shown: Motions for the picture, by label.
-        beside: A process that draws, if there is one.
+        helper: A process that draws, if there is one.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
-    begin = beside.begin if beside else partial
+    begin = helper.begin if helper else partial
     picture = begin(draw_runs, shown, run.scenario.title, run.scenario.dimensions)
     write_whole(folder / "picture.png", picture())
 

@@ -165,7 +165,7 @@ def picture(
 
 
 class PaperFigure(Figure):
-    """A figure whose PDF, PS and SVG files have text as text, in fonts that journals accept."""
+    """A figure with text as text in PDF, PS and SVG files, in fonts that journals accept."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
         """Write it, as ``Figure.savefig`` does."""

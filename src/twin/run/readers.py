@@ -1,7 +1,7 @@
 """Readers of measurement files of other programs, one function per format.
 
-Each returns a ``ForeignTable``. None runs or unpickles anything of a file, and each looks at the
-size of what it would read before it does.
+Each returns a ``ForeignTable``. None runs or unpickles anything of a file, and each checks the
+size of the data before it reads them.
 """
 
 from __future__ import annotations

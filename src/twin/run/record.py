@@ -49,10 +49,10 @@ CHANNELS = {
     for name, columns in read_toml(Path(__file__).with_name("channels.toml")).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
-``computing`` of those whose law has a computing time: of a command that was begun, else NaN,
-and how much older the measurement behind what is applied is than the law's period explains;
-``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
-a different path because the plate cannot give it: of these times, else NaN."""
+``computing`` if the law has a computing time: the time of a command that was begun, else NaN, and
+the time by which the measurement behind the applied command is older than the law's period
+explains; ``reference`` if it is not part of this program, ``laid`` for times where the law follows
+a different path because the plate cannot give the reference, else NaN."""
 
 
 @dataclass
@@ -222,7 +222,7 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
         # hardly two numbers of a signal are the same: a dictionary of them takes time and room
         with pq.ParquetWriter(path, schema, use_dictionary=False) as writer:
             writer.write_table(found)
-            # of the file, not of the schema: who changes its table writes another file without it
+            # of the file, not of the schema: a changed table is written to a new file without it
             writer.add_key_value_metadata({CHECKSUM_KEY: seal})
 
     write_whole(folder / "run.parquet", fill)
@@ -368,7 +368,7 @@ that stand still are packed well, but the noise and the times of a run are not."
 
 
 def unreadable_errors() -> tuple[type[Exception], ...]:
-    """What pyarrow raises for a file that is damaged or of another kind.
+    """Errors of pyarrow for a file that is damaged or of a wrong kind.
 
     Two are no errors of Arrow's: a name that is no UTF-8 is found only when it is asked for, and a
     changed length may ask for more memory than there is.

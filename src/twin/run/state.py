@@ -26,7 +26,7 @@ from twin.run.assemble import RigChanges
 from twin.sim.rig import SimulatedRig
 
 CONSTANT_PACKAGES = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
-"""Packages whose objects are constant, except for arrays and random streams."""
+"""Packages with constant objects, except for arrays and random streams."""
 
 
 RIG_SETTINGS = ("changes", "levelling_s")

@@ -481,6 +481,8 @@ def register(
     return found
 
 
+CONTROL_TABLES = ("controller", "observer", "predictor")
+"""Tables of a scenario that describe how the rig is controlled; they are given as a whole."""
 REGISTER = register()
 """Every setting that describes a rig, by its key."""
 ENGINES = {"mujoco": "mechanism", "lagrange": "equations"}

@@ -201,7 +201,7 @@ def _read(path: Path) -> pa.Table:
         raise RecordError(f"{path}: not a readable chunk; delete it: {one_line(error)}") from error
     if table.schema != ROW_SCHEMA or table["key"].null_count or table["outcome"].null_count:
         raise RecordError(
-            f"{path}: of a different version, or damaged; delete it, or take a new --out"
+            f"{path}: of another version, or damaged; delete it, or take another --out"
         )
     return table
 

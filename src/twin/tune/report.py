@@ -12,12 +12,10 @@ from twin.base.writing import write_json, write_whole
 from twin.run.assemble import build_law
 from twin.run.tables import INDICATOR_LABELS, flat
 from twin.scenario.load import setting
+from twin.scenario.schema import CONTROL_TABLES
 from twin.study.schema import Point, place_of
 from twin.tune.search import BOUND_CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
-
-CONTROLLER_TABLES = ("controller", "observer", "predictor")
-"""Tables of a scenario that belong together and are given as a whole."""
 
 
 def settings(trials: Trials, fields: Point) -> dict[str, Any]:
@@ -28,10 +26,10 @@ def settings(trials: Trials, fields: Point) -> dict[str, Any]:
         fields: Values of its fields.
     """
     scenario = json.loads(trials.scenario(fields, 0).model_dump_json())
-    found = flat({table: scenario[table] or {} for table in CONTROLLER_TABLES})
+    found = flat({table: scenario[table] or {} for table in CONTROL_TABLES})
     for field in fields:
         key, _ = place_of(field)
-        if key.partition(".")[0] not in CONTROLLER_TABLES:
+        if key.partition(".")[0] not in CONTROL_TABLES:
             found[key] = flat(scenario)[key]
     found["parameters"] = dict(map(setting, trials.tune.set)).get("parameters")
     return {key: value for key, value in found.items() if value is not None}

@@ -39,7 +39,7 @@ DRIVE_COLOURS: Mapping[str, Rgb] = {
     protocol.DriveState.FAULT.value: BAD,
 }
 SYNC_COLOURS: Mapping[str, Rgb] = {"regular": GOOD, "late": WARNING}
-EVENT_LEVELS = {"EMCY": "ERROR", "bus": "ERROR", "gap": "WARN"}
+TRACE_EVENT_LEVELS = {"EMCY": "ERROR", "bus": "ERROR", "gap": "WARN"}
 """Level of the log line of an event by its kind; others are information."""
 
 
@@ -162,6 +162,6 @@ def _batches(
     if events:
         texts = rr.TextLog.columns(
             text=[f"{each.who}: {each.kind}: {each.text}" for each in events],
-            level=[EVENT_LEVELS.get(each.kind, "INFO") for each in events],
+            level=[TRACE_EVENT_LEVELS.get(each.kind, "INFO") for each in events],
         )
         yield Batch("/events", np.array([each.time for each in events]), texts)

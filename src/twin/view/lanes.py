@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.hal.agreement import AXES
+from twin.hal.interface import AXIS_NAMES
 from twin.hal.supervisor import State
 from twin.run.finished import states_of
 from twin.run.metrics import MAX_TURNING_TIME_S, STILL_SPEED_M_S
@@ -131,7 +131,7 @@ def find_lifted(rows: Mapping[str, Array]) -> tuple[Mask, Mask] | None:
 def find_limited(rows: Mapping[str, Array]) -> tuple[Mask, Mask]:
     """Where less plate acceleration is applied than requested, about phi and theta, (K,) each."""
     phi, theta = (
-        np.abs(rows[f"requested_{axis}_acc"] - rows[f"applied_{axis}_acc"]) for axis in AXES
+        np.abs(rows[f"requested_{axis}_acc"] - rows[f"applied_{axis}_acc"]) for axis in AXIS_NAMES
     )
     return phi > EFFORT_TOLERANCE_RAD_S2, theta > EFFORT_TOLERANCE_RAD_S2
 

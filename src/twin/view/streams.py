@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.base.data_file import read_packaged
-from twin.hal.agreement import AXES
 from twin.hal.cams import CamTable
+from twin.hal.interface import AXIS_NAMES
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import columns, states_of
@@ -433,7 +433,7 @@ class RunStream:
         active |= zip(
             ("phi effort limited", "theta effort limited"), find_limited(rows), strict=True
         )
-        wheels = [f"wheel {axis} lifted off its cam" for axis in AXES]
+        wheels = [f"wheel {axis} lifted off its cam" for axis in AXIS_NAMES]
         active |= zip(wheels, find_lifted(rows) or (), strict=False)
         for what, mask in active.items():
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)

@@ -64,7 +64,7 @@ class TracedBus(can.BusABC):
 _SENT_FLAG = 1 << 32
 """Flag of a frame that was sent, above those of SocketCAN."""
 
-TRACE_COLUMNS = ("time", "identifier", "length", "low", "high")
+FRAME_COLUMNS = ("time", "identifier", "length", "low", "high")
 """The numbers that ``to_row`` returns."""
 
 
@@ -140,6 +140,6 @@ class TraceWriter:
 def append_trace(
     _: Sequence[str], file: Path, part: int | None
 ) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Write a trace; what is given ``TRACE_COLUMNS``, shape (K,) each, appends their frames."""
+    """Write a trace; what is given ``FRAME_COLUMNS``, shape (K,) each, appends their frames."""
     with closing(TraceWriter(file, "can0", part)) as writer:
         yield lambda block: writer.write(map(from_row, *(each.tolist() for each in block.values())))

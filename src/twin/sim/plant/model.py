@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask, Number
 from twin.base.errors import ModelError
 from twin.base.shipped import model_path
+from twin.hal.interface import AXIS_NAMES
 from twin.hal.linkage import Linkage
 from twin.sim.plant.interface import Parts, tilted_gravity
-
-AXIS_NAMES = ("phi", "theta")
 
 _SENSOR_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 """Sensors are disabled while the static equilibrium is computed."""
