@@ -364,7 +364,7 @@ class Emergency(NamedTuple):
         return self.in_words(akd=True)
 
     def in_words(self, *, akd: bool) -> str:
-        """Code, name and what the device adds as text.
+        """Code, name and what the device adds: of an AKD as text, else its bytes.
 
         Args:
             akd: Whether it is an AKD's.
@@ -373,8 +373,8 @@ class Emergency(NamedTuple):
             return "no code"
         name = error_words(self.code, akd=akd)
         rest = self.extra.rstrip(b"\0")
-        number = rest.decode("ascii") if rest.isascii() else ""
-        parts = [f"{self.code:04X}h", name, number if number.isprintable() else rest.hex(" ")]
+        text = rest.decode("ascii") if akd and rest.isascii() else "\n"
+        parts = [f"{self.code:04X}h", name, text if text.isprintable() else rest.hex(" ")]
         return " ".join(part for part in parts if part)
 
 
