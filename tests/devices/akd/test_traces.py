@@ -2,6 +2,7 @@
 
 Traces are written and read again: every format, broken ones, ours and other people's."""
 
+from copy import copy
 from itertools import pairwise
 
 import can
@@ -150,8 +151,8 @@ def test_a_bus_that_is_traced_tells_every_frame_once():
         can.Bus(interface="virtual", channel="traced") as other,
         TracedBus(can.Bus(interface="virtual", channel="traced"), heard.append) as bus,
     ):
-        bus.send(HEARD[0])
-        other.send(HEARD[2])
+        bus.send(copy(HEARD[0]))  # which gets the time of now
+        other.send(copy(HEARD[2]))
         message = bus.recv(1.0)
         assert bus.recv(0.0) is None
     assert message is heard[1]

@@ -67,8 +67,8 @@ _DRIVE_PROFILES = {0, 402, 0xFFFF}
 _VENDORS_OBJECTS, _PROFILES_OBJECTS = range(0x2000, 0x6000), range(0x6000, 0xA000)
 AXIS_OFFSET = 0x800
 """Objects from one axis of a drive to the next."""
-_FIRST_OBJECT_INDEX = 0x20
-"""First index of an object: a mapped index below it is a data type, used as padding."""
+_MIN_MAPPED_INDEX = 0x20
+"""Lowest index of a mapped object: a lower one is a data type, used as padding."""
 _FRAME_KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
 _IRREGULAR_SHARE = 0.05
 """Share of long pauses above which a sequence of frames is not regular."""
@@ -86,9 +86,14 @@ _SIZED, _EXPEDITED = 1, 2
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
 _NAMING_SPECIFIERS = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
 """Command specifiers of answers that name their object."""
+_SDO_BYTES, _MIN_SDO_BYTES = 8, 4
+"""Length of every SDO frame by CiA 301, and the least that names an object."""
+_FIRST_BYTES = {0x20, 0x21, 0x22, 0x23, 0x27, 0x2B, 0x2F, 0x40}
+"""First bytes of requests to write or read an object, without those of blocks."""
+_FIRST_INDEX = 0x1000
+"""Lowest index of an object that is no data type."""
 _MAX_OPEN_TRANSFERS = 50
 """Transfers back in which the request of a late answer is looked for."""
-_UNANSWERED = "unanswered", "no answer"
 _SHORT_S = 0.2
 """Time in s below which one is given in ms."""
 HOST = "host"
@@ -240,7 +245,7 @@ class _Entry(NamedTuple):
 class _Transfer:
     """An SDO transfer under way: since when, its object, whether it writes, what has come.
 
-    ``more`` means that data are still to come.
+    ``more`` means that data are still to come, ``answered`` that some have.
     """
 
     since: float
@@ -250,6 +255,7 @@ class _Transfer:
     block: bool
     data: bytes = b""
     more: bool = True
+    answered: bool = False
 
 
 class _Held(dict[int, dict[Key, int]]):
@@ -316,6 +322,7 @@ class Conversation:
         self._last: dict[object, object] = {}
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
         self._objects: dict[tuple[int, Key], Object] = {}
+        self._requests: Counter[bool] = Counter()
         self._there, self._identities = find_identities(heard)
         self.bitrate: int | None = rig.bus.bitrate if rig else None
         """Bit rate of the bus in bit/s; None if it is not known."""
@@ -327,11 +334,46 @@ class Conversation:
             self.observed.bits.append(0 if is_echo else longest_bits(message))
             if not is_echo:
                 self._take(message, at)
+        self._conclude(heard)
+
+    @property
+    def is_canopen(self) -> bool:
+        """Whether the bus is one of CANopen.
+
+        PDOs and emergencies alone are no sign of it, as frames of any protocol may have their
+        identifiers: it is one if no frame has an identifier or a length that CANopen does not have.
+        """
+        seen = self.observed
+        answered = any(each.end is not None for each in seen.transfers)
+        return bool(
+            self._axes
+            or self._names.sheet.objects
+            or seen.life
+            or seen.guards
+            or seen.commands
+            or StreamKey(BUS, "SYNC") in seen.streams
+            or answered
+            or self._requests[True] > self._requests[False]
+            or not self.strangers
+        )
+
+    def _conclude(self, heard: Sequence[BusFrame]) -> None:
+        """Take in what only the end of the trace shows."""
         for node, left in sorted(self._sdo.items()):
-            self._ended(node, left, *_UNANSWERED)
-        if timed:
+            self._left(node, left)
+        if not self.is_canopen:
+            self._leave_alone(heard)
+        if self.timed:
             self._find_gaps()
         self.events.sort(key=lambda each: each.time)
+
+    def _leave_alone(self, heard: Sequence[BusFrame]) -> None:
+        """Forget what frames of a different protocol would mean; keep errors and counts."""
+        self.nodes.clear()
+        self.series.clear()
+        self.events = [each for each in self.events if each.kind == "bus"]
+        self.observed.streams.clear()
+        self.strangers = Counter(each.arbitration_id for each in heard if not each.is_error_frame)
 
     def _known_of(self, node: int) -> dict[Key, int]:
         """What the trace does not show: by the standard, by the maker's file, by the rig's."""
@@ -485,6 +527,8 @@ class Conversation:
             text = f"{protocol.control_words(value, mode)} ({value:04X}h)"
         elif index in {0x6060, 0x6061} and drive:
             text = table()["modes"].get(f"{value}", f"mode {value}")
+        elif key == PROFILE and value:
+            text = f"CiA {value & 0xFFFF} ({value:X}h)"
         elif index == ERROR_CODE and drive and value:
             words = protocol.error_words(value, akd=self.is_akd(node))
             text = f"{value:04X}h {words}".strip()
@@ -587,12 +631,12 @@ class Conversation:
             node = identifier - protocol.HEARTBEAT
             if 0 < node <= protocol.NODE_MASK:
                 self.observed.guards[node].append(at, self._frame)
-        elif identifier == protocol.NMT and len(data) == 2:
+        elif identifier == protocol.NMT and len(data) == 2 and data[1] <= protocol.NODE_MASK:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
             self._say(at, HOST, "NMT", f"{command}: {whom}")
             self.observed.commands.append(Command(at, self._frame, data[0], data[1]))
-        elif identifier == protocol.SYNC:
+        elif identifier == protocol.SYNC and len(data) <= 1:
             self.observed.streams[StreamKey(BUS, "SYNC")].append(at, self._frame)
         else:
             self._service(at, identifier, data)
@@ -604,6 +648,12 @@ class Conversation:
         pdo = self.pdos.get(identifier) or self._usual(identifier)
         if pdo is not None:
             self._exchange(at, identifier, pdo, data)
+        elif identifier == protocol.TIME and len(data) == protocol.TIME_BYTES:
+            if self._new("TIME", True):
+                self._say(at, HOST, "TIME", protocol.time_words(data))
+        elif identifier in protocol.LSS and len(data) == protocol.LSS_BYTES:
+            who = HOST if identifier == protocol.LSS[0] else "a device"
+            self._say(at, who, "LSS", protocol.lss_words(data))
         elif kind is None or not number:
             self.strangers[identifier] += 1
         elif service == protocol.SDO_REQUEST:
@@ -732,7 +782,7 @@ class Conversation:
         """The objects of a PDO with their types; not what stands for nothing."""
         found, first = list[_Entry](), 0
         for key, bits in pdo.entries:
-            if 0 < bits <= 64 and key[0] >= _FIRST_OBJECT_INDEX:
+            if 0 < bits <= 64 and key[0] >= _MIN_MAPPED_INDEX:
                 kind = self._object(pdo.node, key).type
                 real = kind[0] == "F" and kind[1:] == f"{bits}"
                 code = "d" if real else "q" if kind[0] == "I" else "Q"
@@ -764,15 +814,22 @@ class Conversation:
     def _transfer(self, at: float, number: int, data: bytes, *, asks: bool) -> None:
         """Take in what a client asks of a node, or what that answers.
 
-        CiA 301 has the command specifier in bits 5 to 7 of the first byte.
+        CiA 301 has the command specifier in bits 5 to 7 of the first byte. A shorter frame that
+        names its object is taken as if zeros followed.
         """
-        if len(data) != 8:
-            return
+        if len(data) != _SDO_BYTES:
+            self.observed.short_transfers[number].append(at, self._frame)
+            if len(data) < _MIN_SDO_BYTES:
+                return
+            data = data.ljust(_SDO_BYTES, b"\0")
         command, transfer = data[0] >> 5, self._sdo.get(number)
         writes, block = command in _WRITING, command in _BLOCKS
+        if asks and (block or transfer is None):
+            index = data[1] | data[2] << 8
+            self._requests[(block or data[0] in _FIRST_BYTES) and index >= _FIRST_INDEX] += 1
         if asks and (writes or block or command == _UPLOAD):
             if transfer is not None:
-                self._ended(number, transfer, *_UNANSWERED)
+                self._left(number, transfer)
             key = data[1] | data[2] << 8, data[3]
             transfer = self._sdo[number] = _Transfer(at, self._frame, key, writes, block)
         elif not asks and command in _NAMING_SPECIFIERS:
@@ -782,6 +839,7 @@ class Conversation:
                 return
         if transfer is None:
             return
+        transfer.answered |= not asks
         if command == _ABORT:
             code = int.from_bytes(data[4:], "little")
             why = f"refused, {protocol.abort_words(code)}"
@@ -839,6 +897,13 @@ class Conversation:
         how = "writes" if transfer.writes else "reads"
         self._ended(number, transfer, how, value_text, at, value=kept)
 
+    def _left(self, number: int, transfer: _Transfer) -> None:
+        """Report a transfer that has no end."""
+        if transfer.answered:
+            self._ended(number, transfer, "unfinished", "begun and not finished")
+        else:
+            self._ended(number, transfer, "unanswered", "no answer")
+
     def _ended(
         self,
         number: int,
@@ -856,7 +921,15 @@ class Conversation:
         frames = (transfer.frame,) if at is None else (transfer.frame, self._frame)
         self.observed.transfers.append(
             Transfer(
-                transfer.since, at, frames, number, transfer.key, transfer.writes, abort, value
+                transfer.since,
+                at,
+                frames,
+                number,
+                transfer.key,
+                transfer.writes,
+                abort,
+                value,
+                unfinished=at is None and transfer.answered,
             )
         )
         written = f"writes {what} to {node.name}: {value_text}"

@@ -124,6 +124,7 @@ class Transfer(NamedTuple):
         abort: The abort code; None if it was not refused.
         value: The number that was transferred; None if it is no number.
         overlapped: Whether the answer came after the next request to the node.
+        unfinished: Whether it was answered, and the host did not ask for the rest.
     """
 
     begin: float
@@ -135,6 +136,7 @@ class Transfer(NamedTuple):
     abort: int | None
     value: int | None
     overlapped: bool = False
+    unfinished: bool = False
 
     @property
     def good(self) -> bool:
@@ -171,6 +173,7 @@ class Observed:
         commands: NMT commands.
         transfers: SDO transfers, in the order of their ends.
         strays: SDO answers to no request.
+        short_transfers: SDO frames that have not the 8 bytes of CiA 301, by node.
         emergencies: Emergency messages.
         error_frames: Error frames.
     """
@@ -195,5 +198,8 @@ class Observed:
     commands: list[Command] = field(default_factory=list)
     transfers: list[Transfer] = field(default_factory=list)
     strays: list[StrayAnswer] = field(default_factory=list)
+    short_transfers: defaultdict[int, Stream] = field(
+        default_factory=lambda: defaultdict(empty_stream)
+    )
     emergencies: list[EmergencyReport] = field(default_factory=list)
     error_frames: list[ErrorFrame] = field(default_factory=list)

@@ -10,6 +10,7 @@ import math
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
 from enum import Enum, IntFlag
 from functools import cache
 from typing import Any, NamedTuple
@@ -279,6 +280,10 @@ SDO_RESPONSE = 0x580
 SDO_REQUEST = 0x600
 HEARTBEAT = 0x700
 
+TIME, TIME_BYTES = 0x100, 6
+"""Identifier and length of the time of day."""
+LSS, LSS_BYTES = (0x7E5, 0x7E4), 8
+"""Identifiers of the layer setting services, of the host and of devices, and their length."""
 NODE_MASK = 0x7F
 """Mask of the node in an identifier; the rest is the service."""
 
@@ -327,6 +332,25 @@ def nmt_words(state: int) -> str:
     return str(table()["nmt_states"].get(f"{state}", f"in state {state}"))
 
 
+_DAYS_SINCE = date(1984, 1, 1)
+"""First day of the time of day of CiA 301."""
+
+
+def time_words(data: bytes) -> str:
+    """The time of day in a TIME message (CiA 301: ms after midnight, days since 1984) in words."""
+    milliseconds = int.from_bytes(data[:4], "little") & 0xFFF_FFFF
+    day = datetime.combine(_DAYS_SINCE, time()) + timedelta(
+        days=int.from_bytes(data[4:6], "little"), milliseconds=milliseconds
+    )
+    return f"the time is {day:%Y-%m-%d %H:%M:%S}.{day.microsecond // 1000:03d}"
+
+
+def lss_words(data: bytes) -> str:
+    """A message of the layer setting services (CiA 305) in words."""
+    words = table()["lss"].get(f"{data[0]}", f"command {data[0]:02X}h")
+    return str(words).format(first=data[1], number=int.from_bytes(data[1:5], "little"))
+
+
 def fault_words(numbers: Iterable[int]) -> str:
     """Fault numbers as the drive's display shows them, with their names."""
     names = table()["faults"]
@@ -346,7 +370,7 @@ class Emergency(NamedTuple):
         return self.in_words(akd=True)
 
     def in_words(self, *, akd: bool) -> str:
-        """Code, name and what the device adds as text.
+        """Code, name and what the device adds: of an AKD as text, else its bytes.
 
         Args:
             akd: Whether it is an AKD's.
@@ -355,8 +379,8 @@ class Emergency(NamedTuple):
             return "no code"
         name = error_words(self.code, akd=akd)
         rest = self.extra.rstrip(b"\0")
-        number = rest.decode("ascii") if rest.isascii() else ""
-        parts = [f"{self.code:04X}h", name, number if number.isprintable() else rest.hex(" ")]
+        text = rest.decode("ascii") if akd and rest.isascii() else "\n"
+        parts = [f"{self.code:04X}h", name, text if text.isprintable() else rest.hex(" ")]
         return " ".join(part for part in parts if part)
 
 

@@ -116,7 +116,10 @@ _PACKED_READERS: dict[str, tuple[str, _Packed]] = {
 _TEXT_READERS: dict[str, tuple[Callable[[str], object], _Text]] = {
     "candump -L": (LOG_LINE.match, read_candump_log),
     "BUSMASTER": (re.compile(r"\*\*\*BUSMASTER").match, text.read_busmaster),
-    "PCAN-View": (re.compile(r";\$FILEVERSION|\s*\d+\)\s+\d").match, text.read_trc),
+    "PCAN-View": (
+        re.compile(r";\$FILEVERSION|\s*\d+\)\s+\d|\s*\d+\s+\d+\.\d+\s+(DT|RR|ST)\s").match,
+        text.read_trc,
+    ),
     "Vector's ASC": (
         re.compile(r"\s*(base\s+(hex|dec)\b|begin triggerblock|date\s+\w+\s+\w+\s)", re.I).match,
         text.read_asc,

@@ -23,8 +23,9 @@ LOG_LINE = re.compile(
 )
 _DROPPED_FRAMES = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
 """A line of ``candump -d``: frames that the socket lost."""
-_MIN_SMALL_SHARE, _MIN_LARGEST_SHARE = 0.1, 0.5
-"""Least share of small times, and of times that equal the largest, among differences of time."""
+_MIN_SMALL_SHARE, _MIN_LARGEST_SHARE, _MIN_HALVED_SHARE = 0.1, 0.5, 0.1
+"""Least share of small times, of times that equal the largest, and of times less than half of the
+one before, among differences of time."""
 
 
 class _Dropped:
@@ -131,7 +132,7 @@ def without_colours(line: str) -> str:
 
 
 TERMINAL_LINE = re.compile(
-    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(\S+)\s+"
+    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(?:(\S+)\s+)?"
     r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+[\[{]([0-9A-F])[\]}]\s*(.*)$"
 )
 
@@ -139,8 +140,9 @@ TERMINAL_LINE = re.compile(
 def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What candump prints on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
 
-    Its times may be absolute (-ta, -tA), since the first frame (-tz), from frame to frame (-td,
-    which are added up), or missing: then frames are numbered.
+    The channel may be missing, as where parts of lines were copied. Times may be absolute (-ta,
+    -tA), since the first frame (-tz), from frame to frame (-td, which are added up), or missing:
+    then frames are numbered.
     """
     frames, dropped, numbered = list[TracedFrame | None](), _Dropped(), False
     for line in lines:
@@ -169,16 +171,21 @@ def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[Traced
 def _are_differences(times: list[float]) -> bool:
     """Whether times count from the frame before, not from the first.
 
-    Both begin with 0. Times from the first frame grow: hardly any is smaller than the one before or
-    than half of the largest so far, and few are the largest. Differences are so often.
+    Both begin with 0, unless a part is cut out of a trace. Times from the first frame grow: hardly
+    any is smaller than the one before or than half of the largest so far, and few are the largest.
+    Differences are so often. In a part that does not begin with 0 only times of less than half of
+    the one before are differences: two recordings in one file have one such step.
     """
-    before, largest, small = 0.0, 0.0, 0
+    before, largest, small, halved = 0.0, 0.0, 0, 0
     for time in times:
         small += time < before or time < 0.5 * largest
+        halved += time < 0.5 * before
         before, largest = time, max(largest, time)
+    if times[:1] != [0.0]:
+        return halved > max(1.0, _MIN_HALVED_SHARE * len(times))
     many = small > _MIN_SMALL_SHARE * len(times)
     even = largest > 0.0 and times.count(largest) > _MIN_LARGEST_SHARE * len(times)
-    return times[:1] == [0.0] and (many or even)
+    return many or even
 
 
 def _terminal_frame(row: re.Match[str]) -> TracedFrame | None:

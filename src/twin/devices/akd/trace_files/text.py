@@ -111,19 +111,29 @@ _TRC_PLACES = {
     "1.3": {"B": 2, "T": 3, "I": 4, "L": 6},
 }
 """Places of bus, type, identifier and length in the lines of PCAN-View, by the version."""
+_TRC_COLUMNS = {
+    4: {"O": 1, "T": 2, "I": 3, "d": 4, "L": 5},
+    5: {"O": 1, "T": 2, "B": 3, "I": 4, "d": 5, "L": 7},
+}
+"""Places in the lines of versions 2.0 and 2.1, by that of the direction."""
+_TRC_DIRECTIONS = {"Rx", "Tx"}
 _TRC_DATA = {"Rx", "Tx", "DT", "RR"}
 _TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
 
 
 def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings."""
-    version, places, begin = "1.0", _TRC_PLACES["1.0"], 0.0
+    """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings.
+
+    Lines that were copied without the header have the form of one of the versions.
+    """
+    version, begin = "1.0", 0.0
+    places: dict[str, int] | None = None
     for line in lines:
         if line.lstrip().startswith(";"):
             key, __, value = line.strip().lstrip("; $").partition("=")
             if key == "FILEVERSION":
                 version = value.strip()
-                places = _TRC_PLACES.get(version, places)
+                places = _TRC_PLACES.get(version)
             elif key == "STARTTIME" and version != "1.0":
                 begin = _trc_begin(value, notes)
             elif key == "COLUMNS":
@@ -133,9 +143,24 @@ def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]
         if not line.strip():
             continue
         try:
-            yield from _trc_row(line.split(), places, begin)
+            parts = line.split()
+            yield from _trc_row(parts, places or _trc_places(parts), begin)
         except (IndexError, KeyError, ValueError):
             yield None
+
+
+def _trc_places(parts: list[str]) -> dict[str, int]:
+    """The places in a line without a header, by where its type or its direction stands."""
+    if not parts[0].endswith(")"):
+        for direction, places in _TRC_COLUMNS.items():
+            if parts[direction] in _TRC_DIRECTIONS:
+                return places
+        raise ValueError("no line of PCAN-View")
+    if parts[2] in _TRC_DIRECTIONS:
+        return _TRC_PLACES["1.1"]
+    if parts[3] in _TRC_DIRECTIONS:
+        return _TRC_PLACES["1.3" if parts[5] == "-" else "1.2"]
+    return _TRC_PLACES["1.0"]
 
 
 def _trc_begin(text: str, notes: Notes) -> float:
