@@ -319,7 +319,7 @@ class Horizon:
     """The motion over the horizon ahead, and the input held since the last step, of one run.
 
     Args:
-        law: Whose.
+        law: The predictive law, with its horizon and limits.
         motion: The motion of ball and plate.
         period: Control period in s.
     """

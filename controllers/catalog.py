@@ -461,7 +461,7 @@ def _wrong(
 
 
 def _place(law: ControlLaw | Observer, method: str = "control") -> str:
-    """File and line of a method; of a held law or a predictor, those of what it wraps."""
+    """File and line of a method; of a held law or a predictor, those of the wrapped one."""
     while within := getattr(law, "law", None) or getattr(law, "observer", None):
         law = within
     own = getattr(type(law), method)

@@ -211,7 +211,7 @@ def compare(
     ``compare("circle", variants={"PID": {"controller.kind": "pid"}, "LQR": {"controller.kind":
     "lqr"}})`` runs these two, under their names; ``vary={"controller.kind": ["afl", "lqr"]}`` all
     combinations of values. Finished runs are shown as they are, logs over the twin's prediction
-    for the first scenario. The order is that of the sources.
+    for the first scenario. They are in the order of the sources.
 
     Args:
         sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or

@@ -200,7 +200,7 @@ def equations(
     equation: the force of friction there depends on the other forces, and a solver with variable
     steps gets stuck at that point. ``exact`` has it.
 
-    Args and errors as in ``linear``; ``spin`` needs a scenario whose ball spins freely.
+    Args and errors as in ``linear``; ``spin`` needs a scenario with a freely spinning ball.
     """
     import control
 

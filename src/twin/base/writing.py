@@ -58,7 +58,7 @@ def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
     name = lock_file(folder)
     above = [each for each in name.parents if not each.exists()]
     try:
-        number = _locked(name, fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.flock)
+        number = _lock(name, fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.flock)
     except BlockingIOError:
         raise ScenarioError(
             f"{option} {folder}: another run is writing there; name another folder"
@@ -93,7 +93,7 @@ MAX_FOLDER_NAME_BYTES = 200
 """Bytes of a folder's name to which others can be added: file systems allow 255."""
 
 
-def _locked(name: Path, how: int, lock: Callable[[int, int], object]) -> int:
+def _lock(name: Path, how: int, lock: Callable[[int, int], object]) -> int:
     """Descriptor of a locked file that is still there: who held it before may just remove it."""
     while True:
         name.parent.mkdir(parents=True, exist_ok=True)

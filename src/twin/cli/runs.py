@@ -463,12 +463,12 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     opened = _open_runs(runs)
     from twin.base.page import encode_figure  # heavy: a wrong name was reported before
     from twin.devices.akd import TRACE_FILE
-    from twin.devices.akd.traces import SEAL_FILE, altered
+    from twin.devices.akd.traces import SEAL_FILE, find_altered_parts
     from twin.view.html import details, html, overview
 
     for each in opened:
         if each.folder is not None and (each.folder / SEAL_FILE).exists():
-            each.incomplete = (*each.incomplete, *altered(each.folder / TRACE_FILE))
+            each.incomplete = (*each.incomplete, *find_altered_parts(each.folder / TRACE_FILE))
     folder = opened[0].folder
     assert folder is not None
     stem = out or (folder if len(opened) == 1 else folder.parent) / "report"

@@ -151,7 +151,7 @@ def identify(
         content = open_content(files[0])
         if not has_known_columns(files[0].name, content):
             surveyed = survey(files[0], how["separator"], content)
-            show(surveyed.as_dict(), _surveyed(surveyed))
+            show(surveyed.as_dict(), _describe_survey(surveyed))
             return 1
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
@@ -171,7 +171,7 @@ def identify(
     return int(none)
 
 
-def _surveyed(found: Survey) -> Iterator[Shown]:
+def _describe_survey(found: Survey) -> Iterator[Shown]:
     """What a log holds, and the command line that would use it."""
     rows = [
         (each.name, each.unit, str(len(each.values)), str(each.missing), each.range)

@@ -464,7 +464,7 @@ class SlcanAdapter:
         frames = self._bus.to_host()
         if not self.open or self.bitrate != self._bus.bitrate:
             return b""
-        return b"".join(map(_written, frames))
+        return b"".join(map(_line_of, frames))
 
     def _command(self, line: bytes) -> bytes:
         commands: dict[bytes, Callable[[bytes], bytes]] = {
@@ -563,7 +563,7 @@ class SlcanPort(PseudoTerminal):
             self.write(self.adapter.heard())
 
 
-def _written(frame: Frame) -> bytes:
+def _line_of(frame: Frame) -> bytes:
     """The line of a frame: t, r for a remote request, in capitals with eight digits of identifier.
 
     A remote request asks for as many bytes as it states and has none.

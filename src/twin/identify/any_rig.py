@@ -382,7 +382,7 @@ def _join_logs(
     lever: float | None = None,
     selection: AxisSelection = AXIS_SELECTION,
 ) -> AxisLog:
-    """Logs of an axis one after another, with a pause between, and its lever in m if known."""
+    """Logs of an axis in sequence, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)

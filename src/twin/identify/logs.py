@@ -93,7 +93,7 @@ class Log:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Its columns by their names in ``COLUMNS``, shape (K,) each."""
+        """Its columns by their names in ``LOG_COLUMN_UNITS``, shape (K,) each."""
         pairs = {
             NEEDED_COLUMNS[1::2]: self.ball,
             NEEDED_COLUMNS[2::2]: self.plate,
@@ -143,7 +143,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
     """A log of columns in SI units.
 
     Args:
-        columns: Of ``COLUMNS``, shape (K,) each; those that are required are there.
+        columns: Of ``LOG_COLUMN_UNITS``, shape (K,) each; those that are required are there.
         metadata: Of the run, with its scenario; empty for a log that is no run.
         source: What the log is called.
 
@@ -222,7 +222,7 @@ ROLE_UNITS = {
 }
 """What a column may be, and its SI unit."""
 ROLE_ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
-"""Other words for it: the command that moves the ball along x is that of phi."""
+"""Other names of a role: the command of phi moves the ball along x."""
 AXIS_COLUMNS = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
 COUNT_UNITS = dict.fromkeys(("counts", "count", "1", ""), 1.0)

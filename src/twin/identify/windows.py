@@ -396,7 +396,7 @@ def cut(
 
 
 def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
-    """Windows one after another between two times, each begun at rest or in full roll.
+    """Windows in sequence between two times, each begun at rest or in full roll.
 
     A window goes on until the ball has come to rest again or the longest time is up. Of a rest
     only the end is in a window: the earlier part determines no parameter.
@@ -448,7 +448,7 @@ def axis_windows(log: AxisLog, begin: Array, end: Array) -> SampleWindows:
 
 
 def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
-    """Beginnings and ends of windows one after another, s: no window spans a gap of the samples."""
+    """Beginnings and ends of windows in sequence, s: no window spans a gap of the samples."""
     time, found = log.sampled, list[tuple[float, float]]()
     step = float(np.median(np.diff(time))) if len(time) > 1 else MAX_COMMAND_GAP_S
     borders = np.concatenate(

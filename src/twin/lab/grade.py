@@ -170,13 +170,13 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
             if "__pycache__" not in file.parts and not file.name.endswith("key.txt"):
                 content = file.read_bytes()
                 if file.suffix in (".md", ".toml"):
-                    content = _renamed(file, like.name, name).encode()
+                    content = _rename_in(file, like.name, name).encode()
                 write_whole(inner / file.relative_to(like.folder), content)
 
     write_folder(folder, fill if like is None else copy)
 
 
-def _renamed(file: Path, old: str, new: str) -> str:
+def _rename_in(file: Path, old: str, new: str) -> str:
     """The text of a file of a lab for the lab's copy: its name, and commands with it."""
     text = file.read_text(encoding="utf-8-sig")
     if file.name == "lab.toml":

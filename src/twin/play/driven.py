@@ -153,7 +153,7 @@ class DrivenRig:
     def picture(
         self, time: float, driven: Driven, applied: Array | None, factor: float
     ) -> tuple[float, ...]:
-        """The numbers of a picture, in the order of ``session.COLUMNS``.
+        """The numbers of a picture, in the order of ``session.PICTURE_COLUMNS``.
 
         Args:
             time: Of it, s.

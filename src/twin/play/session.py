@@ -173,7 +173,7 @@ class Status(NamedTuple):
 
 
 Show = Callable[[tuple[float, ...]], None]
-"""Is given the numbers of a picture, in the order of ``COLUMNS``."""
+"""Is given the numbers of a picture, in the order of ``PICTURE_COLUMNS``."""
 Tell = Callable[[Status], None]
 
 

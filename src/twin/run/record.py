@@ -214,7 +214,7 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
 
     columns = [("time", "s", recorder.time), *recorder.columns()]
     arrays = [_arrow(values) for *_, values in columns]
-    schema, seal = _sealed({name: unit for name, unit, _ in columns}, metadata)
+    schema, seal = _seal_schema({name: unit for name, unit, _ in columns}, metadata)
     seal = _digest(seal, map(_bytes, arrays))
     found = pa.Table.from_arrays(arrays, schema=schema)
 
@@ -245,7 +245,7 @@ def stream(
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    schema, seal = _sealed({name: units.get(name, "") for name in columns}, metadata)
+    schema, seal = _seal_schema({name: units.get(name, "") for name in columns}, metadata)
     schema = schema.with_metadata({**schema.metadata, CHECKSUM_KEY: seal})
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
@@ -283,7 +283,7 @@ class DamagedError(OSError):
     """A record is not what was written."""
 
 
-def _sealed(units: Mapping[str, str], metadata: Mapping[str, Any]) -> tuple[pa.Schema, bytes]:
+def _seal_schema(units: Mapping[str, str], metadata: Mapping[str, Any]) -> tuple[pa.Schema, bytes]:
     """The schema of a record, and the checksum of what is in it."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
@@ -402,7 +402,7 @@ def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table
     import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
     if file.suffix == Path(STREAM_FILE).suffix:
-        return _streamed(file, wanted)
+        return _read_stream(file, wanted)
     # not pq.read_table, which imports pandas wherever that is installed
     with pq.ParquetFile(file) as parquet:
         schema, rows = parquet.schema_arrow, parquet.metadata.num_rows
@@ -446,7 +446,7 @@ def check_size(rows: int, columns: int, wanted: int, size: int) -> None:
         )
 
 
-def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
+def _read_stream(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
     """The table of a stream; arguments and errors as for ``stored``."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 

@@ -280,7 +280,7 @@ class FaultRow(Reaction):
         safe: Whether the plate was safe: every key checked below is as it must be, and no drive has
             torque at the end.
         whole: Whether every period up to the end is in the record, without gaps.
-        recovered: Whether it runs again when the cause is gone and a person asks for it.
+        recovered: Whether it runs again after the cause was removed and a person asks for it.
         reason: The condition that ended the run; empty if none did.
         reason_expected: The one that had to.
         stopped_by: Who stopped the axes.

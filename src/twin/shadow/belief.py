@@ -82,7 +82,7 @@ class Belief:
         screen: Variance of a sample along x and y in m^2, shape (2,).
         encoders: Variance of a reading of phi and theta in rad^2, shape (2,).
         disturbance: Variance of a period's acceleration of the plate, (rad/s^2)^2, shape (2,).
-        unit: What ``CONSTANT`` and the sizes of causes are multiples of, shape (P,).
+        unit: Unit of each parameter; ``constant`` and the sizes of causes are multiples, (P,).
         constant: Standard deviations of ``PARAMETERS`` over a whole log, shape (P,).
         changing: The same from window to window, while the ball rolls and where it stops,
             shape (2, P).

@@ -325,7 +325,7 @@ def portions(windows: int) -> Iterator[Mask]:
 
 
 def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) -> Evidence:
-    """Evidence of ``BALL`` around parameters, the ball's start being whatever suits it best.
+    """Evidence of ``BALL_BELIEFS`` around parameters, with a free start of the ball.
 
     Args:
         windows: In which the ball moves, at least one.

@@ -127,8 +127,8 @@ class Smoothed(NamedTuple):
     """What windows of ``LEAD`` say of what follows.
 
     Attributes:
-        mean: Of the deviations of ``BALL`` and of the state's four numbers x, y, x', y' at the end
-            from what they are if the twin is right, shape (W, K).
+        mean: Of the deviations of ``BALL_BELIEFS`` and of the state's four numbers x, y, x', y' at
+            the end from what they are if the twin is right, shape (W, K).
         covariance: Of the same, shape (W, K, K).
         end: That state if the twin is right, shape (4, W).
         friction: Relative friction of every place as known by then.
@@ -145,10 +145,10 @@ class Smoothed(NamedTuple):
 def smooth(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -> Smoothed:
     """What windows say of the parameters, the ball's state when they are over, and the friction.
 
-    Unknown are the parameters of ``BALL``, the ball's state where a window begins, the forces that
-    nobody knows, and by how much the friction differs on each stretch of the way: all are
-    estimated along (a smoother), so that where the ball is at the end does not rest on how it came
-    there.
+    Unknown are the parameters of ``BALL_BELIEFS``, the ball's state where a window begins, the
+    forces that nobody knows, and by how much the friction differs on each stretch of the way: all
+    are estimated along (a smoother), so that where the ball is at the end does not rest on how it
+    came there.
 
     Args:
         windows: W windows.
@@ -262,8 +262,8 @@ def _end_state(
 ) -> tuple[Array, Array, Array, Array]:
     """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and the way to it.
 
-    Slopes by the parameters of ``BALL`` and the start, by finite differences; places in m and
-    velocities in m/s at every step, shape (N, 2, W).
+    Slopes by the parameters of ``BALL_BELIEFS`` and the start, by finite differences; places in m
+    and velocities in m/s at every step, shape (N, 2, W).
     """
     steps = [BOUNDS[name].difference for name in BALL_BELIEFS]
     size = np.array([*steps, *START_DIFFERENCES])

@@ -229,7 +229,7 @@ class StudyTask(NamedTuple):
 
     Attributes:
         key: Hash that differs from every other run's: of settings, seed and code.
-        alike: What it has in common with the runs that it can share a batch with.
+        alike: Hash that is equal for all runs that can share a batch with it.
         variant: Name of what is compared.
         point: Which point of the design.
         seed: Of its noise.

@@ -450,7 +450,7 @@ class ThesisCell:
     Attributes:
         table: The table's number.
         row: The row's name.
-        column: The column's key in ``COLUMNS``.
+        column: The column's key in ``THESIS_COLUMNS``.
         thesis: The thesis's value.
         exact: Equations (5.9), continuous control, as kept.
         sampled: Equations (5.9), sampled loop through the seam; None if it ended early.

@@ -177,7 +177,7 @@ def read(name: str) -> FitTable:
 
 
 LOST_RESIDUAL = 10.0
-"""Residual of an indicator that a run does not have, such as that of a lost ball."""
+"""Residual of an indicator that a run does not have, for example after a lost ball."""
 MIN_LOG_ARGUMENT = 1e-9
 """Least value of which a logarithm is taken."""
 

@@ -17,7 +17,7 @@ from twin.run.metrics import Motion
 
 MIN_TURNING_RAD = 0.99 * 2 * math.pi
 """Turning of a reference in rad above which delay and scale of a path can be separated."""
-REFERENCE_REST_SPEED_M_S = 1e-3
+MIN_PATH_SPEED_M_S = 1e-3
 """Speed of a reference in m/s below which it rests."""
 MAX_LAG_S = 1.5
 """Seconds up to which a lag behind the reference is looked for."""
@@ -95,7 +95,7 @@ class Diagnosis:
             lag=lag,
             gain=gain,
             rest=rest,
-            turned=_turned(motion.reference[late]),
+            turned=_total_turning(motion.reference[late]),
             estimation=estimation,
             cut=None
             if np.isnan(requested).all()
@@ -133,7 +133,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
         return None, None, None
     speed = np.hypot(*reference(time[[0, -1]])[1].T)
-    if _turned(reference(time)[0]) < MIN_TURNING_RAD and speed.max() > REFERENCE_REST_SPEED_M_S:
+    if _total_turning(reference(time)[0]) < MIN_TURNING_RAD and speed.max() > MIN_PATH_SPEED_M_S:
         return None, None, None
     some = slice(None, None, max(1, len(time) // 2000))
     time, ball = time[some], ball[some]
@@ -157,7 +157,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     return lag, *fit(lag)
 
 
-def _turned(path: Array) -> float:
+def _total_turning(path: Array) -> float:
     """By how much the direction of a path (K, 2) turns in all, rad; a reversal is pi."""
     steps = np.diff(path, axis=0)
     steps = steps[np.hypot(*steps.T) > 1e-9]
@@ -287,7 +287,7 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
             )
     elif (
         found.lag is None
-        and REFERENCE_REST_SPEED_M_S < found.turned < MIN_TURNING_RAD
+        and MIN_PATH_SPEED_M_S < found.turned < MIN_TURNING_RAD
         and found.rms > SMALL_ERROR_M
     ):
         facts.append(

@@ -12,7 +12,7 @@ from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.rig import FIRST_MOTION_RATE_RAD_S, UNCHECKED
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig, MotionTrace
-from twin.emulator.serve import STOP, EmulatedPlant
+from twin.emulator.serve import STOP_MARGIN_RAD, EmulatedPlant
 from twin.hal.agreement import DRIVES_EXCHANGED, EXCHANGED, OPPOSITE, WRONG_RATIO
 from twin.hal.interface import Severity
 from twin.hal.supervisor import Event, State
@@ -170,7 +170,7 @@ def test_a_plate_stops_at_its_mechanical_stop_and_its_motor_with_it(scenario):
     plant, drives = EmulatedPlant(scenario(*PLANT)), [EmulatedDrive(1), EmulatedDrive(2)]
     plant.attach(drives)
     stop = plant.stop
-    assert stop == pytest.approx(np.radians(10.0) + STOP)
+    assert stop == pytest.approx(np.radians(10.0) + STOP_MARGIN_RAD)
     for _ in range(500):
         drives[0].motor.rate, drives[1].motor.rate = 1.0, -1.0
         plant.advance(0.001)

@@ -67,7 +67,7 @@ def seal(file: Path) -> None:
     write_whole(file.with_name(SEAL_FILE), "".join(lines))
 
 
-def altered(file: Path) -> list[str]:
+def find_altered_parts(file: Path) -> list[str]:
     """A line for each part of a run's trace that is not what ``seal`` found; none without it."""
     if file.name != TRACE_FILE:
         return []
@@ -122,7 +122,7 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     Raises:
         LogError: If nothing in it can be read.
     """
-    remarks = altered(path)
+    remarks = find_altered_parts(path)
     frames: list[TracedFrame] = []
     files = parts(path)
     if not files:

@@ -18,7 +18,7 @@ PROFILE, VENDOR = (0x1000, 0), (0x1018, 1)
 BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
 """Classes of error frames, as SocketCAN has them."""
 _ECHO_S = 0.02
-"""Time in s within which an adapter hands back what it sent."""
+"""Time in s within which an adapter hands back a frame that it sent."""
 _ECHO_SHARE = 0.5
 """Share of the frames that it sent which an adapter hands back, if it does."""
 

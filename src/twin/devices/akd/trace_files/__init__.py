@@ -46,7 +46,7 @@ def read_frames(file: Path, notes: Notes) -> Iterator[TracedFrame]:
     """
     number = 0
     try:
-        with _opened(file) as raw:
+        with _open_packed(file) as raw:
             for message in _frames(file, raw, notes):
                 number += 1
                 yield message
@@ -54,7 +54,7 @@ def read_frames(file: Path, notes: Notes) -> Iterator[TracedFrame]:
         notes.remarks.append(f"cannot be read on after frame {number}: {one_line(error)}")
 
 
-def _opened(file: Path) -> BinaryIO:
+def _open_packed(file: Path) -> BinaryIO:
     with file.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
     return cast("BinaryIO", gzip.open(file)) if packed else file.open("rb")
