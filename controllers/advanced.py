@@ -214,7 +214,7 @@ class Predictive(AboutMotion):
     """Limit of its acceleration, rad/s^2."""
 
     A: Array = field(init=False, repr=False, compare=False)
-    """Of a step of an axis, shape (4, 4)."""
+    """State matrix of a step of an axis, shape (4, 4)."""
     B: Array = field(init=False, repr=False, compare=False)
     """Of a held input, shape (4,)."""
     P: Array = field(init=False, repr=False, compare=False)

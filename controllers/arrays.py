@@ -83,7 +83,7 @@ def put(array: Array, rigs: NDArray[np.integer], values: Number) -> Array:
 
 
 class Arithmetic(NamedTuple):
-    """What one formula needs to hold for a plain number and for an array of rigs alike."""
+    """Arithmetic for one formula on a plain number and on an array of rigs alike."""
 
     sqrt: Callable[[Any], Any]
     where: Callable[[Any, Any, Any], Any]
@@ -104,7 +104,7 @@ NUMBER_ARITHMETIC = Arithmetic(
     lambda this, other: other if other < this else this,
     lambda this, other: other if other > this else this,
 )
-"""Of plain numbers, several times faster than numpy's for one rig."""
+"""Arithmetic of plain numbers, several times faster than numpy's for one rig."""
 ARRAY_ARITHMETIC = Arithmetic(np.sqrt, np.where, some, every, np.minimum, np.maximum)
 
 
@@ -225,7 +225,7 @@ def _holds(hint: Any, value: Any) -> bool:
 
 
 def _words(hint: Any) -> str:
-    """What a type allows."""
+    """Describe the values that a type allows."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
         bounds = [words.format(bound) for _, words, bound in _bounds(parts)]

@@ -238,7 +238,7 @@ def stack_reference(r: Array) -> Array:
 
 
 class _Seen(NamedTuple):
-    """What the equations of motion are made of: numbers for one rig, arrays for several.
+    """Coefficients of the equations of motion: numbers for one rig, arrays for several.
 
     ``s3`` to ``c7`` are sines and cosines of phi and theta, ``wx`` to ``wz`` the plate's angular
     velocity (theta' cos phi, phi', theta' sin phi) in its own axes.
@@ -259,7 +259,7 @@ class _Seen(NamedTuple):
 
 
 def _motion_terms(x: Array) -> _Seen:
-    """What the equations of motion are made of, from the state.
+    """Coefficients of the equations of motion at a state.
 
     Python calculates with numbers several times faster than numpy with arrays of one, but raises
     where a state has grown beyond bounds and numpy goes on with infinities; that is left to numpy.

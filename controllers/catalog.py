@@ -54,7 +54,7 @@ ADDED_FILES_VARIABLE = "BALLPLATE_LAWS"
 """Environment variable with the files that were added, so that child processes have them."""
 _registered: dict[str, type[Law | Observer | Reference]] = {}
 _looked: dict[bool, tuple[tuple[ModuleType, ...], tuple[str, ...]]] = {}
-"""What was found, without the folder of laws and with it."""
+"""Cached modules, without the folder of laws and with it."""
 _texts: dict[str, str] = {}
 """The source of a module that lies in no package, as it was when it was imported."""
 
@@ -328,7 +328,7 @@ def _kinds(module: ModuleType) -> list[type[Law | Observer | Reference]]:
 
 
 def _lacking(cls: type[Law | Observer | Reference]) -> str:
-    """What a class lacks to be one of its kind; a law acts by ``control`` or ``command``."""
+    """Members that a class lacks to be of its kind; a law acts by ``control`` or ``command``."""
     if not isinstance(vars(cls).get("name"), str):
         return 'a name of its own, as in name: ClassVar[str] = "mine"'
     idle = issubclass(cls, Law) and cls.control is Law.control and cls.command is Law.command

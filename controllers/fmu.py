@@ -32,7 +32,7 @@ FMU_INPUT_NAMES = (
     *(f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"),
     *("applied_phi_rate", "applied_theta_rate"),
 )
-"""What an FMU may ask for, by the name of its inputs; SI units."""
+"""Inputs that an FMU may have, by name; SI units."""
 RATE_OUTPUTS, ACCELERATION_OUTPUTS = (
     ("rate_phi", "rate_theta"),
     ("requested_phi_acc", "requested_theta_acc"),

@@ -1,4 +1,4 @@
-"""What a law, an observer, a reference and a measurement are; everything else builds on these.
+"""Interfaces of law, observer, reference and measurement; everything else builds on these.
 
 Every array ends in its vector axis and may have any number of leading axes, one entry a rig:
 ``State`` (..., 8), ``Output`` (..., 4), ``Input`` (..., 2); their docstrings in
@@ -54,7 +54,7 @@ def catalog_settings(cls: type) -> list[Field[Any]]:
 
 
 class Measurement(NamedTuple):
-    """What a rig hands over once a control period, simulated or real.
+    """Measurement that a rig hands over once a control period, simulated or real.
 
     Attributes:
         time: Seconds since the run started.
@@ -79,7 +79,7 @@ class Reference(ABC):
     """
 
     name: ClassVar[str]
-    """What a scenario calls the reference."""
+    """Name of the reference in a scenario."""
     lengths: ClassVar[tuple[str, ...]] = ()
     """Settings in m; a rig with a smaller operating area makes them smaller."""
 
@@ -151,7 +151,7 @@ class Law(ABC):
     """
 
     name: ClassVar[str]
-    """What a scenario calls the law."""
+    """Name of the law in a scenario."""
     memory: ClassVar[int] = 0
     """Length of q, the law's own integrator states; 0 for a static law."""
     needs: ClassVar[tuple[str, ...]] = ()
@@ -189,7 +189,7 @@ class Law(ABC):
         return np.zeros_like(q)
 
     def start(self, x: State, reference: Reference, period: float) -> Any:
-        """What is worked out before the run, as a plan; handed back with every ``Feedback``.
+        """Work out a plan before the run; it is handed back with every ``Feedback``.
 
         A law has no state of its own, so that one may drive many runs: its plan is the run's.
 
@@ -221,7 +221,7 @@ class Law(ABC):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a report should tell of the law with these settings, in whole sentences."""
+        """Remarks on the law with these settings for a report, in whole sentences."""
         return ()
 
 
@@ -277,7 +277,7 @@ class Observer(ABC):
     """
 
     name: ClassVar[str]
-    """What a scenario calls the observer."""
+    """Name of the observer in a scenario."""
     knows: ClassVar[tuple[Quantity, ...]] = ()
     """Quantities that it estimates beyond the state."""
 

@@ -616,7 +616,7 @@ class _Filter:
         self._times = [time]
         self._goals = [np.array(goal, float)]
         self._parts = [np.zeros((FILTER_ORDER, FILTER_ORDER, 2))]
-        """Of each goal and each derivative the coefficients b, both axes."""
+        """Coefficients b of each goal and each derivative, both axes."""
 
     def then(self, time: float, goal: Sequence[float]) -> _Filter:
         """The filter with one more goal; what is behind is shared."""
@@ -675,7 +675,7 @@ class _Filter:
         return np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(FILTER_ORDER)
 
     def fading(self, s: Array) -> Array:
-        """What is left of a step after a time s, and its four derivatives, shape (5, *shape(s))."""
+        """Remainder of a step after a time s, and its four derivatives, shape (5, *shape(s))."""
         b = np.array([self._a**k / factorial(k) for k in range(FILTER_ORDER)])
         powers = self._powers(s)
         out = []

@@ -50,7 +50,7 @@ class Slicing:
 
 @dataclass(frozen=True, kw_only=True)
 class JumpSpreading:
-    """What counts as a jump of a reference, and to which length its time refers.
+    """Criterion of a jump of a reference, and the length to which its time refers.
 
     Attributes:
         min_jump_m: Distance in m from one period to the next, beyond what the speed covers, above
@@ -668,7 +668,7 @@ class AboutMotion(Law):
     slicing: Slicing = algorithm_constants(SLICING)
     """How the path is planned slice by slice."""
     jumps: JumpSpreading = algorithm_constants(JUMP_SPREADING)
-    """What counts as a jump of the reference."""
+    """Criterion of a jump of the reference."""
     shaping: PathShaping = algorithm_constants(PATH_SHAPING)
     """How a path that the plate cannot produce is replaced."""
 

@@ -1,4 +1,4 @@
-"""What a run gives, just made or recorded before; logs of any rig, and the parameters they show."""
+"""Results of runs, new or opened; logs of any rig, and the parameters they show."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Result(Run):
 
     @property
     def title(self) -> str:
-        """What ran, in words."""
+        """Description of the run."""
         return self.scenario.title
 
     @property
@@ -253,7 +253,7 @@ HOLD_OUT_SHARE = 0.33
 
 @dataclass(repr=False, eq=False)
 class Identified:
-    """What a log shows of its rig; shows itself in a notebook.
+    """Identified parameters of a log; shows itself in a notebook.
 
     Attributes:
         found: The fit with its intervals, checks on what was held out, and notes.

@@ -40,7 +40,7 @@ CLEAN_LABEL = "clean model"
 WORTH_PROCESS = 5.0
 """Simulated seconds from which a process of its own saves time."""
 Attach = Callable[["Recorder"], None]
-"""Is given the recorder before the run, to observe it."""
+"""Called with the recorder before the run, to observe it."""
 
 
 def run(

@@ -276,7 +276,7 @@ def _none(outcome: str) -> dict[str, Any]:
 
 @dataclass(repr=False, eq=False)
 class StudyResult:
-    """What a study found; shows itself in a notebook.
+    """Result of a study; shows itself in a notebook.
 
     Attributes:
         work: Its runs, with the study as it was asked.

@@ -235,7 +235,7 @@ class Rigs:
         return reward, terminated, truncated
 
     def observation(self) -> Array:
-        """What is seen now, shape (N, numbers)."""
+        """Present observation, shape (N, numbers)."""
         now, ticks = self.episodes.measurement, self.episodes.ticks
         goals = self._goal(ticks + self.task.leads[:, None])
         seen = np.concatenate(
@@ -250,7 +250,7 @@ class Rigs:
         return np.clip(np.nan_to_num(seen), self._low, self._high)
 
     def info(self) -> dict[str, Any]:
-        """What no controller sees, each with one entry per rig."""
+        """Further information that no controller sees, each with one entry per rig."""
         state, ticks = self.episodes.state.copy(), self.episodes.ticks
         return {
             "state": state,

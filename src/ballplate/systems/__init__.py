@@ -228,7 +228,7 @@ def equations(
 
 
 def without_state(ball_spin: BallSpin, *, spin: bool) -> BallSpin:
-    """What the spin does in equations in which it is a state or not.
+    """Terms of the spin in equations in which it is a state or not.
 
     Args:
         ball_spin: As in a scenario.

@@ -117,7 +117,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What a text in JSON holds.
+    """Parse a text in JSON.
 
     Raises:
         DataError: If it is not JSON, or goes beyond a limit of this module.

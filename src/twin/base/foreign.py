@@ -76,7 +76,7 @@ _MOST_UNPRINTED = 0.02
 
 
 def file_kind(head: bytes) -> str:
-    """What a file is by its first bytes; empty for text, and for what is not known.
+    """Kind of a file by its first bytes; empty for text and for unknown kinds.
 
     Args:
         head: Its first ``HEAD_BYTES`` bytes or more; all of a shorter file.
@@ -106,7 +106,7 @@ def with_article(kind: str) -> str:
 
 
 def kind_of(path: Path) -> str:
-    """What a file is by its first bytes, as ``file_kind`` has it.
+    """Kind of a file by its first bytes, as in ``file_kind``.
 
     Raises:
         OSError: If it cannot be read.

@@ -49,7 +49,7 @@ class Unit(Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """What a scenario may say of one field.
+    """The setting of one field: key, unit, range and followers.
 
     Attributes:
         key: Dotted key, as ``plant.friction.rolling_mm``.

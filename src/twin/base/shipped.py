@@ -103,4 +103,4 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
 
 
 LISTING_COMMANDS = {"scenario": "list", "study": "study"}
-"""What a file is called to the command that lists the shipped ones."""
+"""Word for a kind of file in the command that lists the shipped ones."""

@@ -23,7 +23,7 @@ from twin.cli.output import warn
 from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
 
 LAWS_CLOSED_VARIABLE = "BALLPLATE_LAWS_CLOSED"
-"""As ``controllers.catalog`` has it, which a command imports when it needs it."""
+"""Copy of the name in ``controllers.catalog``, which a command imports only when it needs it."""
 
 if TYPE_CHECKING:
     from ballplate.running import Attach
@@ -111,7 +111,7 @@ def completion(context: click.Context, shell: str) -> int:
 
 
 def _completes(known: Callable[[], Iterable[str]]) -> Any:
-    """What offers the known names that begin as a word does; files where there are none."""
+    """Completion of known names from the beginning of a word; of files where there are no names."""
     return lambda _, __, incomplete: _complete_names(incomplete, known())
 
 

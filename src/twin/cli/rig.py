@@ -131,7 +131,7 @@ def _ask(word: str) -> None:
 
 
 def request(word: str) -> str:
-    """What a person is asked to do, in words."""
+    """Instruction to a person, in words."""
     match word.split():
         case ["touch", x, y]:
             return f"touch the plate at x {float(x):+g}, y {float(y):+g} mm and hold"
@@ -257,7 +257,7 @@ def _virtual_bus(
     nodes: tuple[int, ...],
     protocol: str,
 ) -> VirtualBus:
-    """What `emulate` serves, by its options.
+    """The devices that `emulate` serves, by its options.
 
     Raises:
         RigError: Options that do not go together, or a bus that cannot be opened.
@@ -704,7 +704,7 @@ def level(log: Path) -> int:
 
 
 def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
-    """What to do about the level of one axis, in words.
+    """Advice on the level of one axis, in words.
 
     Args:
         found: The tilt about the axis in deg.

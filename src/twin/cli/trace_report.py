@@ -1,4 +1,4 @@
-"""What the command trace prints: the verdict with its findings, and tables of what was sent."""
+"""Output of the command trace: the verdict with its findings, and tables of the frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SEVERITY_COLOURS = {"unresolved": "bold red", "recovered": "bold yellow", "warni
 
 
 def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Text | str]:
-    """What happened, in one line; then each problem.
+    """Summary in one line, then each problem.
 
     Args:
         verdict: The verdict.

@@ -172,7 +172,7 @@ def identify(
 
 
 def _describe_survey(found: Survey) -> Iterator[Shown]:
-    """What a log holds, and the command line that would use it."""
+    """The content of a log, and the command line that would use it."""
     rows = [
         (each.name, each.unit, str(len(each.values)), str(each.missing), each.range)
         for each in found.columns

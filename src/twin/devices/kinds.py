@@ -36,7 +36,7 @@ Role = Literal["drives", "touch"]
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """What a device is to know of the rig that it is built for.
+    """The rig that a device is built for, as far as the device needs to know it.
 
     Attributes:
         period: Control period in s.

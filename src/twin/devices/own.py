@@ -34,7 +34,7 @@ Own = TypeVar("Own", bound="OwnDevice")
 
 
 class Reading(NamedTuple):
-    """What the hardware has measured last.
+    """The newest measurement of own hardware.
 
     Attributes:
         x: Ball along the longer side in m, from the middle of the plate; NaN where it is not seen.
@@ -53,12 +53,12 @@ class Reading(NamedTuple):
 
     @classmethod
     def of_plate(cls, phi: float, theta: float, at: float) -> Self:
-        """What servos measure that see no ball: plate angles in rad, and when they arrived, s."""
+        """Measurement of servos without a screen: plate angles in rad, and when they arrived, s."""
         return cls(math.nan, math.nan, at, phi, theta)
 
 
 class OwnDevice(ABC):
-    """What servos and screens of one's own have in common."""
+    """Common base of own servos and screens."""
 
     @abstractmethod
     def start(self) -> None:
@@ -133,7 +133,7 @@ class Hardware(ServoHardware, ScreenHardware):
 
 @dataclass(frozen=True, kw_only=True)
 class _OwnSettings(Ranged):
-    """What is to be known of own hardware of any kind.
+    """Settings of own hardware of any kind.
 
     Attributes:
         options: What the class is made with.
@@ -146,7 +146,7 @@ class _OwnSettings(Ranged):
 
 @dataclass(frozen=True, kw_only=True)
 class _PlateThresholds(_OwnSettings):
-    """What is to be known of own servos.
+    """Settings of own servos.
 
     Attributes:
         plate_lag: Time constant in s with which the plate follows its command; the plate angle of a
@@ -170,7 +170,7 @@ class _PlateThresholds(_OwnSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class _BallThresholds(_OwnSettings):
-    """What is to be known of an own screen.
+    """Settings of an own screen.
 
     Attributes:
         unseen: Seconds without a ball in the measurements after which it counts as not seen.
@@ -210,7 +210,7 @@ class OwnScreenConfig(_BallThresholds):
 
 @dataclass(frozen=True, kw_only=True)
 class OwnConfig(_BallThresholds, _PlateThresholds):
-    """What the twin is to know of own hardware that is servos and screen, the table ``[own]``."""
+    """Settings of own hardware that is servos and screen, the table ``[own]``."""
 
     keys = "own."
 
@@ -314,7 +314,7 @@ OWN_CONDITIONS = tuple(conditions("twin.devices").values())
 """Every condition that own hardware is watched for, from ``conditions.toml``."""
 FAILED, REPORTED, SILENT, ASTRAY, FROZEN, LACKING, *_OF_SCREEN = OWN_CONDITIONS
 SCREEN_FAILED, SCREEN_REPORTED = _OF_SCREEN
-"""What a screen reports that is a device of its own, in place of ``FAILED`` and ``REPORTED``."""
+"""Conditions of an own screen, in place of ``FAILED`` and ``REPORTED``."""
 
 
 def load_backend(named: str, config: OwnConfig) -> Hardware:
@@ -464,12 +464,12 @@ class _OwnDriver:
         return reading
 
     def _said(self) -> tuple[str, ...]:
-        """What the hardware reports, a text by itself or several."""
+        """Reports of the hardware, a text by itself or several."""
         texts = self._device.faults()
         return (texts,) if isinstance(texts, str) else tuple(texts or ())
 
     def _asked(self, method: Callable[[], Answer]) -> Answer | None:
-        """What a method of the hardware gives; None, and a fault, where it fails."""
+        """Result of a method of the hardware; None, and a fault, where it fails."""
         try:
             return method()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
@@ -493,7 +493,7 @@ class _BallWatch:
         """Where the ball was seen last, and since when it is seen there on a steep plate."""
 
     def look(self, reading: Reading, now: float, plate: Array) -> str:
-        """What is wrong with a reading at a time in s, in words; empty for nothing.
+        """Error of a reading at a time in s, in words; empty for none.
 
         Args:
             reading: The newest.
@@ -688,7 +688,7 @@ class OwnServos(_OwnDriver):
             self._report(WRONG_RATIO, text)
 
     def _describe_scale(self, axis: int) -> str:
-        """What is to be checked of an axis that turns less than commanded; empty if unknown."""
+        """Advice on an axis that turns less than commanded; empty if unknown."""
         gain = self._scale(axis)
         if gain is None or gain > SCALE_TEST.too_near:
             return ""

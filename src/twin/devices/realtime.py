@@ -148,7 +148,7 @@ class TimingLog:
 
 
 def describe_lateness(ledger: Mapping[str, Any]) -> str:
-    """That the computer was too late, in a line, by a run's ``TimingLog.as_dict``; else empty."""
+    """One line if the computer was too late, by a run's ``TimingLog.as_dict``; else empty."""
     slow = ledger["missed"] + ledger["late"]
     due = max(1, ledger["ticks"] + ledger["missed"])
     longest = ledger["lateness"]["max_us"]
@@ -304,7 +304,7 @@ _LATENCY_DEVICE = "/dev/cpu_dma_latency"
 
 
 class Scheduling(NamedTuple):
-    """What was obtained.
+    """The real-time rights that were obtained.
 
     Attributes:
         fifo: Whether the loop's thread runs before all ordinary ones (SCHED_FIFO).

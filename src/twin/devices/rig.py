@@ -303,7 +303,7 @@ class HardwareRig(Rig):
 
     @property
     def scheduling(self) -> tuple[str, ...]:
-        """What the operating system allowed, in words."""
+        """Real-time rights that the operating system allowed, in words."""
         return self._obtained.words if self._obtained else ()
 
     def account(self) -> dict[str, Any]:

@@ -136,7 +136,7 @@ class BusFaults:
         self.drop([service + node for service in services], **when)
 
     def deliver(self, frame: Frame, towards: Towards) -> list[tuple[float, Frame]]:
-        """What becomes of a frame: delays in s, and the frames that come then."""
+        """Fate of a frame: delays in s, and the frames that are delivered then."""
         if self.bus_off:
             return []
         copies = [(0.0, frame)]
@@ -241,7 +241,7 @@ class EmulatedBus:
 
 
 class DirectBus(can.BusABC):
-    """What a host opens to be on an emulated bus without real time; for tests and fault tables.
+    """Bus that a host opens to be on an emulated bus without real time; for tests and fault tables.
 
     Waiting for a frame lets the bus's time pass in steps. Give the host ``now`` and ``sleep`` of
     this object as its clock.

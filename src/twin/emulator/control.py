@@ -39,7 +39,7 @@ CONTROL_COMMANDS = (
     "cut ID|all BYTES SECONDS",
     "clear",
 )
-"""What a line may be; NUMBER, INDEX, CODE and ID are decimal, or hexadecimal with 0x."""
+"""Allowed lines; NUMBER, INDEX, CODE and ID are decimal, or hexadecimal with 0x."""
 _USAGE_TEXTS = {each.split()[0]: f"how: {each}" for each in CONTROL_COMMANDS}
 """How a line is written, by its first word."""
 
@@ -147,7 +147,7 @@ class BusControl:
 
 
 def _state(drive: EmulatedNode) -> dict[str, object]:
-    """What a drive does, as ``state`` shows it."""
+    """State of a drive, as shown by ``state``."""
     return {
         "node": drive.node,
         "network": {127: "pre-operational", 5: "operational", 4: "stopped"}[drive.nmt],

@@ -53,7 +53,7 @@ _REMAINS, _ENDS = 6, 2
 
 
 Turned = TypeVar("Turned", InertiaLoad, ShaftLoad)
-"""What a drive turns."""
+"""Load of a drive."""
 
 
 class ProfileDrive(EmulatedNode, Generic[Turned]):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Protocol(StrEnum):
-    """What the screen speaks."""
+    """Protocol of the screen."""
 
     MICROTOUCH = "microtouch"
     ELO = "elo"
@@ -131,7 +131,7 @@ def _pair(spot: Spot) -> bytes:
 
 
 class ScreenFault(StrEnum):
-    """What can be injected, for a time.
+    """Faults that can be injected, for a time.
 
     Bytes: TRUNCATE cuts packets short; SPLIT sends them in two parts 3 ms apart; MERGE sends two
     at once; GARBLE flips a bit of each; NOISE sends random bytes between packets; CHECKSUM
@@ -251,7 +251,7 @@ class Damage:
         return self.active(time, ScreenFault.MISSING_PEN_UP, ScreenFault.DROPOUT)
 
     def packet(self, time: float, packet: bytes) -> list[bytes]:
-        """What is sent for a packet: nothing, itself, or parts to be sent some time apart."""
+        """Bytes that are sent for a packet: none, itself, or parts some time apart."""
         for fault, change in self._bytes.items():
             if self.active(time, fault):
                 packet = change(packet)

@@ -139,7 +139,7 @@ class EmulatedPlant:
     """Plate angles to motor angles, as the scenario's rig knows them."""
 
     _touch: Touch
-    """What the screen is touched by now."""
+    """Present touch of the screen."""
 
     @property
     def lost(self) -> float:

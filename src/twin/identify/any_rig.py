@@ -1,4 +1,4 @@
-"""From logs of any rig to the plain model of each axis, with intervals and held-out errors."""
+"""Fits the plain model of each axis to logs of any rig, with intervals and held-out errors."""
 
 from __future__ import annotations
 
@@ -313,7 +313,7 @@ def _predict_held_out(
 
 
 def _describe_work(logs: Mapping[str, AxisLog], source: str) -> str:
-    """What will be fitted, and roughly how long it takes on one processor."""
+    """Describe what will be fitted, and roughly how long it takes on one processor."""
     seconds = {
         axis: float(np.ptp(log.sampled)) if len(log.sampled) else 0.0 for axis, log in logs.items()
     }

@@ -68,7 +68,7 @@ WEAK_FORM = WeakForm()
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What a first look finds of an axis.
+    """Result of a first look at an axis.
 
     Attributes:
         gain: Acceleration of the ball by the tilt, in m/s^2 by its unit.

@@ -274,7 +274,7 @@ Windows_co = TypeVar("Windows_co", bound=SampleWindows, covariant=True)
 
 @dataclass(frozen=True)
 class FitProblem(Generic[Windows_co]):
-    """What a fit of windows minimises.
+    """Least-squares problem of a fit of windows.
 
     Attributes:
         windows: The samples.
@@ -311,7 +311,7 @@ class FitProblem(Generic[Windows_co]):
 
     @property
     def known(self) -> tuple[Array, Array]:
-        """What is believed of the parameters before: mean and precision, shapes (P,)."""
+        """Prior of the parameters: mean and precision, shapes (P,)."""
         about = [self.about[name] for name in self.names]
         return np.array([e.start for e in about]), np.array([e.spread**-2.0 for e in about])
 
@@ -320,7 +320,7 @@ class FitProblem(Generic[Windows_co]):
         raise NotImplementedError
 
     def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
-        """What the samples would be, in m, and how fast they change, (C, W, ...) like the samples.
+        """Predicted samples in m, and their rates, (C, W, ...) like the samples.
 
         The rate is used only where dead time has no finite difference.
         """
@@ -376,13 +376,13 @@ class FitProblem(Generic[Windows_co]):
         return np.asarray((r**2).sum(axis=-1) / self.windows.size)
 
     def costs(self, r: Array) -> Array:
-        """What each window costs: robust against such that cannot be explained, shape (C, W)."""
+        """Cost of each window: robust against those that cannot be explained, shape (C, W)."""
         misfit = self.misfit(r) / self.tolerated_misfit
         each = np.log1p(misfit) if self.grows else misfit / (1 + misfit)
         return np.asarray(self.windows.size * self.tolerated_misfit * each)
 
     def cost(self, r: Array) -> Array:
-        """What a fit minimises, shape (C,)."""
+        """Cost that a fit minimises, shape (C,)."""
         return np.asarray(self.costs(r).sum(axis=-1))
 
     def weights(self, r: Array) -> Array:
@@ -444,7 +444,7 @@ class Termination:
 
 
 class Minimum(NamedTuple):
-    """What a minimisation of C candidates found.
+    """Result of a minimisation of C candidates.
 
     Attributes:
         theta: Parameters, shape (C, P).

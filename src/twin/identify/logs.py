@@ -37,7 +37,7 @@ RATE_COLUMNS = ("applied_phi_rate", "applied_theta_rate")
 LOG_COLUMN_UNITS = {
     name: COLUMN_UNITS[name] for name in (*NEEDED_COLUMNS, *MORE_COLUMNS)
 } | dict.fromkeys(RATE_COLUMNS, "rad/s")
-"""What is read of a run or a log, and its SI unit; it may have more columns."""
+"""Columns that are read from a run or a log, and their SI units; it may have more."""
 
 MECHANISM_LAG = 0.0025
 """Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
@@ -185,7 +185,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
 
 
 def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
-    """What a run's metadata say of its ball and, if it was simulated, of its plant."""
+    """The ball in a run's metadata and, if it was simulated, the plant."""
     scenario = metadata.get("scenario", {})
     plant = scenario.get("plant", {})
     period = float(scenario.get("rig", {}).get("period", 0.0))
@@ -220,7 +220,7 @@ ROLE_UNITS = {
     "age": "s",
     "touched": "1",
 }
-"""What a column may be, and its SI unit."""
+"""Roles of columns, and their SI units."""
 ROLE_ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
 """Other names of a role: the command of phi moves the ball along x."""
 AXIS_COLUMNS = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
@@ -295,11 +295,11 @@ class AxisLog:
     lever: float | None = field(default=None, kw_only=True)
 
     def between(self, begin: float, end: float) -> AxisLog:
-        """That with the samples between two times in s."""
+        """This log with only the samples between two times in s."""
         return self._where((self.sampled >= begin) & (self.sampled < end))
 
     def without(self, begin: Array, seconds: float) -> AxisLog:
-        """That without the samples of so many seconds from each of some times in s on."""
+        """This log without the samples of so many seconds from each of some times in s on."""
         since = self.sampled - begin[:, None]
         return self._where(np.asarray(((since < 0) | (since >= seconds)).all(axis=0)))
 
@@ -703,7 +703,7 @@ def _split_columns(
 
 
 def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
-    """What splits a line into cells: by the separator that most lines have equally often.
+    """Function that splits a line into cells: by the separator that most lines have equally often.
 
     Raises:
         LogError: If the given separator does not separate the columns.

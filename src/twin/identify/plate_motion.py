@@ -1,4 +1,4 @@
-"""What the plate does in a log: how its drives lag, what play they have, if the ball goes by it."""
+"""Plate motion in a log: lag and play of the drives, and whether the ball follows the plate."""
 
 from __future__ import annotations
 
@@ -439,7 +439,7 @@ def _best_loop(
 
 
 def _left_by(shape: str, widths: Array, s: Array, p: Array, before: Array) -> tuple[Array, Array]:
-    """What loops of some widths leave, in deg rms, and their gains, shapes (widths,).
+    """Residuals of loops of some widths, in deg rms, and their gains, shapes (widths,).
 
     Offset and gain are fitted. What was before brings the loop to where it is.
     """

@@ -1,4 +1,4 @@
-"""What is written of an identification: the HTML report with its figures, and a parameter file."""
+"""Writes an identification: the HTML report with its figures, and a parameter file."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _name_lost_horizons(score: PredictionScore, who: str, how: HoldOutPrediction
 
 
 def _held_out(found: Identification) -> list[Block]:
-    """What was held out, as a table and in pictures."""
+    """The held-out part, as a table and in pictures."""
     if not found.scores:
         return []
     heads = ["axes", "by"]

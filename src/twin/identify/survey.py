@@ -1,4 +1,4 @@
-"""What a log of an unknown program holds, and which of its columns may have which role."""
+"""Surveys a log of an unknown program: its columns, and the roles that they may have."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class RoleGuess:
 
 @dataclass(frozen=True)
 class Survey:
-    """What a log holds.
+    """The content of a log.
 
     Attributes:
         path: The file.

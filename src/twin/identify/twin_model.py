@@ -220,7 +220,7 @@ class TwinProblem(FitProblem[Windows]):
         )
 
     def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
-        """What the screen would have reported in m, and its rate in m/s, (C, W, B, 2)."""
+        """Predicted reports of the screen in m, and their rates in m/s, (C, W, B, 2)."""
         places, speeds = self.replay(theta, starts)
         return self.windows.at_samples(places, speeds, self.values(theta)["delay"])
 
@@ -237,7 +237,7 @@ class TwinProblem(FitProblem[Windows]):
         )
 
     def _unknown(self, best: Minimum) -> tuple[Array, int]:
-        """What patches of the screen and other forces move the samples by, and how many patches."""
+        """Shifts of the samples by patches of the screen and other forces; number of patches."""
         windows, delay = self.windows, self.values(best.theta)["delay"]
         plain = self.replay(best.theta, best.starts)
         step = self.noise.patch_step_share
@@ -596,7 +596,7 @@ def replay_log(
 
 @dataclass(frozen=True, kw_only=True)
 class TwinIdentification(Identification):
-    """What a log shows of a rig like the twin's.
+    """Identification of a rig like the twin's from a log.
 
     Attributes:
         log: The part of it that was used.

@@ -49,7 +49,7 @@ class ParameterVerdict:
 
     @property
     def label(self) -> str:
-        """What tables and sentences call it: its key, and its axis."""
+        """Label in tables and sentences: the key, and the axis."""
         axis = self.name.rpartition("_")[2]
         return self.about.key + (f" ({axis})" if axis in {"phi", "theta", "x", "y"} else "")
 
@@ -195,7 +195,7 @@ def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
 
 
 def absolute_quantile(errors: Array, share: float) -> float:
-    """What a share of errors stay within; NaN if none is known."""
+    """Bound within which a share of the errors stays; NaN if none is known."""
     sizes = np.abs(errors[np.isfinite(errors)])
     return float(np.quantile(sizes, share)) if len(sizes) else float("nan")
 

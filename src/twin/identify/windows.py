@@ -281,7 +281,7 @@ class Windows(SampleWindows):
         return cls(field=field, **rest)
 
     def at_samples(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
-        """What the screen would have reported, with its rate, both shape (C, W, B, 2).
+        """Predicted reports of the screen with their rates, both shape (C, W, B, 2).
 
         Cubic Hermite interpolation of a replay.
 
@@ -319,7 +319,7 @@ def edges_of(windows: Windows) -> Array:
 
 
 def unknown_motion(windows: Windows, delay: float) -> Array:
-    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
+    """Shift of the samples by each unknown acceleration, in their standard deviations, per m/s^2.
 
     Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
     errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each

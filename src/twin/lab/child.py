@@ -54,7 +54,7 @@ every period begins with its first letter."""
 
 
 class Printed(io.RawIOBase):
-    """What an answer prints: as much as its file may hold; the rest is dropped."""
+    """Text that an answer prints: as much as its file may hold; the rest is dropped."""
 
     def writable(self) -> bool:
         """It can be written to."""

@@ -472,7 +472,7 @@ SELF_TEST = SelfTest()
 
 
 class Kept(NamedTuple):
-    """What is kept of an earlier grading of a student.
+    """Kept results of an earlier grading of a student.
 
     Attributes:
         result: The result; empty if there is none.
@@ -489,7 +489,7 @@ NOTHING_KEPT = Kept({}, {}, None)
 
 
 def read_kept(kept: Path, student: str) -> Kept:
-    """What is kept of a student; nothing if a file is missing, or was not written whole."""
+    """Kept results of a student; nothing if a file is missing, or was not written whole."""
     try:
         result = parse_json((kept / f"{student}.json").read_bytes())
         measured = {key: Measured(**each) for key, each in result.pop("measured").items()}

@@ -32,7 +32,7 @@ from twin.lab.schema import AnswerTable
 
 @dataclass(frozen=True, kw_only=True)
 class AnswerLimits:
-    """What the process of an answer may use and send.
+    """Limits of the process of an answer.
 
     Attributes:
         start_s: Time in s within which the process must have started, whatever the machine's load.

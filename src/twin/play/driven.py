@@ -369,7 +369,7 @@ def _with_change(
 
 
 class Part(NamedTuple):
-    """What was driven until now, as it is handed to whoever writes it.
+    """The drive until now, as it is handed to the writer.
 
     Attributes:
         driven: By the person.

@@ -193,7 +193,7 @@ MOVING, MOVED = "update:model-value", "change"
 
 
 class Page:
-    """What one browser shows.
+    """View of one browser.
 
     Args:
         status: How things are.

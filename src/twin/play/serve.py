@@ -259,7 +259,7 @@ def require_token(app: App, token: str = "") -> App:
 
 
 class Audience:
-    """Who looks, in the order in which they came.
+    """Browsers that look, in the order in which they came.
 
     Args:
         clock: Seconds.
@@ -274,7 +274,7 @@ class Audience:
 
     @property
     def driver(self) -> str | None:
-        """Who drives."""
+        """The browser that drives."""
         return self._there[0] if self._there else None
 
     def come(self, who: str) -> None:
@@ -316,11 +316,11 @@ def library() -> None:
 MAX_LINES = 10
 """Lines about what browsers sent; what follows is counted."""
 SERVER_LOGGERS = ("nicegui", "socketio.server", "engineio.server", "uvicorn.error", "asyncio")
-"""Who of the server's libraries tells what went wrong, each with the stack of its calls."""
+"""Loggers of the server's libraries that report errors, each with a stack trace."""
 
 
 class Lines(logging.Handler):
-    """What libraries log, each in one line and few of them.
+    """Passes the log messages of libraries on, each in one line and few of them.
 
     Args:
         tell: Receives a line.

@@ -30,7 +30,7 @@ class Goal(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What the ball's velocity changes by at once, m/s, plate axes."""
+    """Sudden change of the ball's velocity, m/s, plate axes."""
 
     x_rate: float
     y_rate: float
@@ -124,7 +124,7 @@ class Pace:
 
 
 PAGE_TABLES = read_packaged("twin.play", "page.toml")
-"""What the page shows, and of what."""
+"""Fields of the page, and where their values come from."""
 PICTURE_COLUMNS = tuple(PAGE_TABLES["columns"])
 """Numbers of one picture: s, m, rad; the effort is the RMS of the plate's acceleration, rad/s^2,
 since the picture before; ``factor`` is the simulated seconds a second of the clock."""
@@ -149,7 +149,7 @@ class Errors:
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Of rig and clean model in m; NaN of a ball that has left the plate."""
+        """Errors of rig and clean model in m; NaN for a ball that has left the plate."""
         (_, rig, clean), count = self._sums[-1], max(1, len(self._sums) - 1)
         return math.sqrt(rig / count), math.sqrt(clean / count)
 
@@ -173,7 +173,7 @@ class Status(NamedTuple):
 
 
 Show = Callable[[tuple[float, ...]], None]
-"""Is given the numbers of a picture, in the order of ``PICTURE_COLUMNS``."""
+"""Called with the numbers of a picture, in the order of ``PICTURE_COLUMNS``."""
 Tell = Callable[[Status], None]
 
 
@@ -303,7 +303,7 @@ class Session:
                 self._do_ended(event, time)
 
     def _do_ended(self, event: Event, time: float) -> None:
-        """What can be done of a run that has ended, too."""
+        """Handle an event that is possible after the end of a run, too."""
         match event:
             case Pause(paused):
                 self._paused = paused

@@ -1,4 +1,4 @@
-"""From scenarios to the objects that run them: N simulated rigs and the controller of each.
+"""Builds the objects that run scenarios: N simulated rigs and the controller of each.
 
 There is one way: N scenarios make N rigs, one is N = 1. Whatever the scenarios say differently of
 plant, surface, drives, sensors, cams, limits, start, law, observer and reference becomes an array
@@ -75,7 +75,7 @@ def build_plant(
 
 
 def assumed_transmission(scenario: Scenario) -> Transmission:
-    """What the rig of a scenario believes of its cams; the mechanism is built only for its ratio.
+    """Cam transmission that a scenario's rig assumes; the mechanism is built only for its ratio.
 
     Raises:
         ModelError: If the mechanism or its cam table cannot be used.
@@ -109,7 +109,7 @@ def differ(old: Sequence[Scenario], new: Sequence[Scenario], *classes: type) -> 
 
 
 def parts_of(scenario: Scenario) -> Parts:
-    """What of a rig's mechanism differs from the model file."""
+    """Parts of a rig's mechanism that differ from the model file."""
     lengths, plant = from_scenarios(Linkage, [scenario]), scenario.plant
     other: dict[str, Any] = {"linkage": lengths} if lengths.given else {}
     if other or (plant.kind == "mujoco" and plant.size != SCREEN_SIZE_M):
@@ -126,7 +126,7 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
 
 
 def linkage_of(scenario: Scenario) -> Transmitting | None:
-    """What lies between servos and plate of a scenario: its linkage or table, if it has one."""
+    """Transmission between servos and plate of a scenario: its linkage or table, if it has one."""
     found = from_scenarios(Linkage, [scenario]), from_scenarios(TiltTable, [scenario])
     return next((each for each in found if each.given), None)
 
@@ -171,7 +171,7 @@ def _mechanism(
 
 
 def _build_transmission(scenarios: Sequence[Scenario], ratio: Number) -> Transmission:
-    """What the rigs know of their linkages, or cams, of a ratio at level."""
+    """Transmissions that the rigs assume: linkages, or cams, of a ratio at level."""
     linkage = linkage_of(scenarios[0])
     kinds = [scenario.rig.cams for scenario in scenarios]
     known: dict[str, Transmission] = {
@@ -249,7 +249,7 @@ def register(name: str, kind: PlantKind) -> None:
 
 @lru_cache(maxsize=8)
 def _table(kind: str) -> Transmission:
-    """What a rig knows of its cams."""
+    """Cam transmission that a rig assumes."""
     table = CamTable.packaged()
     return table.per_axis() if kind == "per_axis" else table
 
@@ -286,7 +286,7 @@ Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]
 
 
 class RigChanges:
-    """What changes of N rigs while they run; call it with the time before each period passes.
+    """Changes of N rigs while they run; call it with the time before each period passes.
 
     Args:
         scenarios: One per rig.
@@ -301,11 +301,11 @@ class RigChanges:
         """How many of the times at which something changes have passed."""
 
     def stages(self) -> list[list[Scenario]]:
-        """What the scenarios say from each of those times on."""
+        """Scenarios from each of those times on."""
         return [[at_time(each, time) for each in self.scenarios] for time in self._times]
 
     def now(self) -> list[Scenario]:
-        """What the scenarios say now."""
+        """Present scenarios."""
         if not self.done:
             return list(self.scenarios)
         return [at_time(each, self._times[self.done - 1]) for each in self.scenarios]
@@ -373,7 +373,7 @@ def change_transmission(
 
 
 def without_error(transmission: Transmission) -> Transmission:
-    """What a rig would know of its cams if it made no mistake."""
+    """Cam transmission that a rig would assume without a calibration error."""
     if isinstance(transmission, simulated.WrongTransmission):
         return transmission.known
     return transmission
@@ -525,7 +525,7 @@ def _design_law(cls: type, choice: str, ticks: int, model: BallPlate) -> Control
 
 
 def law_of(scenario: Scenario) -> tuple[str, BallPlate]:
-    """What tells a scenario's law from others."""
+    """Key that differs between the laws of scenarios."""
     return scenario.controller.model_dump_json(), scenario.designed_on
 
 
@@ -733,5 +733,5 @@ def start_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
 
 
 def build_limits(scenario: Scenario) -> Limits:
-    """What may be commanded of the rig of a scenario, in SI units."""
+    """Limits of the commands to the rig of a scenario, in SI units."""
     return from_scenarios(Limits, [scenario])

@@ -79,7 +79,7 @@ def read_mcap(path: Path) -> ForeignTable:
 
 
 def _field(name: str) -> str:
-    """What a column is called in a message of ROS."""
+    """Name of a column in a message of ROS."""
     return "".join(c if c.isalnum() or c == "_" else "_" for c in name).lower()
 
 

@@ -1,4 +1,4 @@
-"""From a rig file to a rig: the real one, or whatever speaks its bytes.
+"""Connects a rig of a rig file: the real one, or any program that speaks its bytes.
 
 Besides how long a controller computes on this computer, and a log of a rig that any program drove,
 from a trace of its bus.
@@ -188,7 +188,7 @@ def cams_of(rig: RigFile) -> CamTable:
 
 
 def transmission_of(rig: RigFile) -> Transmission:
-    """What is between the motors of a real rig, as they are commanded, and its plate.
+    """Transmission of a real rig from commanded motors to its plate.
 
     Raises:
         ModelError: If its cam table cannot be used.

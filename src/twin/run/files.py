@@ -34,7 +34,7 @@ NEWEST_RUN = "last"
 STREAM_FILE = "run.arrows"
 """The record of a run on a rig while it lasts; it stays where the run was killed."""
 RUN_FILES = ("run.parquet", "metrics.json", "picture.png", STREAM_FILE)
-"""What a run folder holds."""
+"""Files of a run folder."""
 MANIFEST_FILE = "compare.json"
 """File of a comparison that lists the folders of its runs, and their indicators."""
 PICTURE_OF_MANY = "compare.png"
@@ -196,7 +196,7 @@ def is_record(file: Path) -> bool:
 
 
 def run_name(path: Path) -> str:
-    """What a run or log is called: a record by its folder, any other file by its own name."""
+    """Name of a run or log: of a record its folder, of any other file its own name."""
     file = record_of(path)
     return file.resolve().parent.name if is_record(file) else file.stem
 
@@ -223,7 +223,7 @@ def _records(folder: Path) -> Iterator[Path]:
 
 
 TEXT_SUFFIXES = {".csv", ".txt", ".tsv", ".dat", ".log"}
-"""What logs are called."""
+"""File names of logs."""
 IGNORED_SUFFIXES = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
 """Endings of files that lie next to runs, as a pattern finds them."""
 
@@ -325,7 +325,7 @@ MOTION_INDICATORS = tuple(
     for name in INDICATORS
     if name not in {"outcome", "outcome_time", "judged_from", "real_time_factor"}
 )
-"""Those that evaluate a motion."""
+"""Indicators that evaluate a motion."""
 LOST_ENDINGS = ("fell", "lost", "diverged")
 """Endings after which no error is shown: a lost ball has none."""
 

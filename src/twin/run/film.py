@@ -113,7 +113,7 @@ class Cut:
 
 
 class Act:
-    """What a run does in the frames.
+    """Motion of a run in the frames.
 
     Args:
         run: The run.

@@ -183,7 +183,7 @@ class Run(files.Signals):
         return self.metrics.get("reason") == INTERRUPTED_REASON
 
     def summary(self) -> dict[str, Any]:
-        """What ``--json`` prints: the indicators, and of a run just made the speed."""
+        """Output of ``--json``: the indicators, and of a run just made the speed."""
         made: dict[str, Any] = {}
         if self.record is not None:
             speed = self.real_time_factor
@@ -264,7 +264,7 @@ class Run(files.Signals):
 
     @cached_property
     def motion(self) -> Motion:
-        """What ball and plate did."""
+        """Motion of ball and plate."""
         state = states_of(self.rows)
         applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
         time = self.rows["time"]
@@ -471,7 +471,7 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
 
 
 def run_metadata(scenario: Scenario) -> dict[str, Any]:
-    """What of a record's metadata is known before its run."""
+    """Metadata of a record that are known before its run."""
     tables, classes = scenario.model_dump(mode="json"), classes_of(scenario)
     return {"scenario": tables, "classes": classes, "versions": versions()}
 
@@ -489,7 +489,7 @@ def load_drawing() -> None:
 
 
 def versions() -> dict[str, str]:
-    """What produced a record: this project, its numerical libraries, Python."""
+    """Producer of a record: this project, its numerical libraries, Python."""
     names = ("ballplate", "mujoco", "numpy", "scipy", "control")
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
@@ -641,7 +641,7 @@ def holds_finished(folder: Path) -> bool:
 
 
 def incomplete_of(folder: Path) -> list[str]:
-    """What a folder's record reports as missing of it or of its trace, a line each."""
+    """Remarks on missing parts in a folder's record or trace, a line each."""
     found = _metadata(folder).get("incomplete")
     return list(map(str, found)) if isinstance(found, list) else []
 

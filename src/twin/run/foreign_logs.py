@@ -44,7 +44,7 @@ CONVERSIONS_BY_KIND = {
     "measurement file (.mf4)": f"{_IN_PYTHON}asammdf.MDF('{{name}}').export('csv')",
     "CAN trace of Vector (.blf)": "ballplate trace {name} --rig RIG --touch TOUCH --log log.csv",
 }
-"""What makes a readable file of one of a kind; ``{name}`` is the file."""
+"""Command that converts a file of a kind to a readable one; ``{name}`` is the file."""
 
 
 def foreign_table(path: Path) -> ForeignTable | None:

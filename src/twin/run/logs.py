@@ -323,7 +323,7 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
 
 
 def fitting(rows: dict[str, Array], scenario: Scenario) -> list[str]:
-    """What a scenario is to be changed to, to predict a log: how long, and where the ball starts.
+    """Changes of a scenario to predict a log: its duration, and the start of the ball.
 
     Args:
         rows: As ``read_log`` gives them.

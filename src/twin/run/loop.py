@@ -234,7 +234,7 @@ SEEN_EVERY = 5
 
 
 def alike(scenario: Scenario) -> dict[str, Any]:
-    """What scenarios must have in common to share a batch that changes none of their bits.
+    """Settings that scenarios must share so that a common batch changes none of their bits.
 
     In addition to the shared keys of a batch, these are the keys that make a plant or an observer
     calculate in a different way.

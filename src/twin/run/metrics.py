@@ -61,7 +61,7 @@ MAX_TURNING_TIME_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What a run did: K instants of one rig.
+    """Motion of a run: K instants of one rig.
 
     Attributes:
         time: Seconds, shape (K,).

@@ -77,7 +77,7 @@ REFERENCE_STYLE: dict[str, Any] = {
     "zorder": 5,
 }
 SECOND_AXIS_STYLE: dict[str, Any] = {"alpha": 0.55, "linestyle": (0, (4, 1.5))}
-"""Of theta, drawn with phi in one panel."""
+"""Style of theta, which is drawn with phi in one panel."""
 MAX_TITLE_LETTERS = 100
 """Characters in a line of the title."""
 LEGEND_WIDTH = 150
@@ -271,7 +271,7 @@ def _draw(panels: Mapping[str, Axes], runs: Mapping[str, Motion], plate: Dimensi
 
 
 def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
-    """What the curves are, as far as they can be distinguished."""
+    """Description of the curves, as far as they can be distinguished."""
     entries = list(zip(*panel.get_legend_handles_labels(), strict=True))
     entries = [*entries[: min(runs, LOOK_COUNT)], *entries[runs:]]
     columns = max(

@@ -136,7 +136,7 @@ class Recorder:
         return float(self._time[self.length - 1]) + self.every * self.period if self.length else 0.0
 
     def __getitem__(self, name: str) -> Array:
-        """What was recorded of a channel, shape (length, N, columns)."""
+        """Recorded values of a channel, shape (length, N, columns)."""
         return self.data[name][: self.length].reshape(self.length, self.rigs, -1)
 
     def channel(self, name: str) -> Channel:
@@ -172,7 +172,7 @@ class Recorder:
 
 
 def classes_of(scenario: Scenario) -> dict[str, dict[str, Any]]:
-    """What law, observer and reference of a scenario were, by their tables.
+    """Law, observer and reference of a scenario, by their tables.
 
     Returns:
         All settings with their values, also those that the scenario leaves to the class; and of a

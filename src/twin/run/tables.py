@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from twin.run.finished import Run
 
 TIMING_NAMES = ("judged_from", "real_time_factor")
-"""What a table of runs just made has besides."""
+"""Further columns in a table of runs just made."""
 _ALL_LABELS = {name: (about["words"], about["printed"]) for name, about in INDICATORS.items()}
 INDICATOR_LABELS = {name: label for name, label in _ALL_LABELS.items() if name not in TIMING_NAMES}
 """Indicator to the words and the unit it is printed with."""
@@ -22,7 +22,7 @@ FIRST_LABELS = {name: INDICATOR_LABELS[name] for name in (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
     "late_percent",
 )}  # fmt: skip
-"""What is asked for first, of a reference that moves and of one that comes to rest."""
+"""Indicators that are printed first, for a reference that moves and for one that comes to rest."""
 ORDERED_LABELS = FIRST_LABELS | _ALL_LABELS
 """The same, then all the others."""
 

@@ -54,7 +54,7 @@ LEVEL_RAD = float(np.radians(0.3))
 
 
 class Stopper(StrEnum):
-    """Who ended the motion of an axis, the lines of defence in their order first."""
+    """Agent that ended the motion of an axis, the lines of defence in their order first."""
 
     LEVELLING = "host's levelling"
     QUICK_STOP = "host's quick stop"
@@ -351,7 +351,7 @@ def ball_limit(
 
 
 STEP_NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind}
-"""What a text in a step names."""
+"""Enumeration members that a step may name."""
 
 
 class FaultCause(NamedTuple):
@@ -382,7 +382,7 @@ class FaultCause(NamedTuple):
 
 
 def _meant(value: Any) -> Any:
-    """What a value in a step stands for."""
+    """The value that a value in a step stands for."""
     if isinstance(value, list):
         return tuple(map(_meant, value))
     if isinstance(value, dict):
@@ -399,9 +399,9 @@ def _causes(table: dict[str, Any]) -> dict[str, FaultCause]:
 
 _CAUSE_TABLES = read_packaged("twin.safety", "causes.toml")
 OF_DRIVES = _causes(_CAUSE_TABLES["drives"])
-"""What can go wrong with two drives and their bus, `LockstepDrives`."""
+"""Causes of faults in two drives and their bus, `LockstepDrives`."""
 OF_RIG = _causes(_CAUSE_TABLES["rig"])
-"""What can go wrong with a rig, `LockstepRig`."""
+"""Causes of faults in a rig, `LockstepRig`."""
 
 
 _RPDO1, _TARGET = 0x200, 2
@@ -415,7 +415,7 @@ _FAST_TURN_RAD_S = 0.2
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 ROW_FUNCTIONS: dict[str, Callable[..., Any]] = {}
-"""What a row of ``cases.toml`` may name besides the causes of ``causes.toml``, by its name."""
+"""Functions that a row of ``cases.toml`` may name besides the causes of ``causes.toml``."""
 
 
 def row_function(function: Function) -> Function:
@@ -707,7 +707,7 @@ def _done(given: list[Any]) -> Callable[[LockstepRig], Any]:
 
 
 def _words(name: str) -> str:
-    """What a cause or a function does, in words."""
+    """Description of a cause or a function, in words."""
     cause = OF_DRIVES.get(name) or OF_RIG.get(name)
     return cause.words if cause else (ROW_FUNCTIONS[name].__doc__ or "").rstrip(".")
 

@@ -58,7 +58,7 @@ from twin.scenario.schema import Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class Reaction:
-    """What became of a rig between a fault and the end of the observation; times from the fault.
+    """Observation of a rig between a fault and the end; times from the fault.
 
     Attributes:
         stopped_by: Who stopped phi and theta: a ``Stopper``, or of other hardware its own word.
@@ -185,7 +185,7 @@ FAULT_HEADINGS = (
     "reached",
     "run",
 )
-"""What the cells of a row are; a value is followed by its limit."""
+"""Headings of the cells of a row; a value is followed by its limit."""
 
 
 def failure_sheet(rows: Sequence[FaultRow]) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
@@ -262,7 +262,7 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class FaultRow(Reaction):
-    """What came of one case; the keys of ``--json``.
+    """Result of one case; the keys of ``--json``.
 
     Times are in s from the injection, or from switching on; angles in rad, ways in m. Pairs are
     those of phi and theta, or of x and y. A key that ends in ``_limit`` or ``_expected`` is the

@@ -1,4 +1,4 @@
-"""What a rig file may say: bus, drives, touch screen, limits; checked like a scenario.
+"""Form of a rig file: bus, drives, touch screen, limits; checked like a scenario.
 
 The tables ``[drives]`` and ``[touch]`` have the keys of their kind (`devices/kinds.py`).
 """

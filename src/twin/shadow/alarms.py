@@ -349,7 +349,7 @@ class Before(NamedTuple):
 def baseline(
     evidence: Evidence, belief: Belief, change: int, test: ChangeTest = CHANGE_TEST
 ) -> Before:
-    """What the windows before a change have shown.
+    """Evidence of the windows before a change.
 
     Args:
         evidence: Windows in the order of time, softened.
@@ -558,7 +558,7 @@ def likely(causes: Sequence[Cause]) -> list[Cause]:
 
 
 def in_words(causes: Sequence[Cause]) -> str:
-    """What has changed, or between what the log does not tell."""
+    """Describe what has changed, or the causes that the log cannot tell apart."""
     left = likely(causes)
     if len(left) == 1:
         return f"{left[0].name} ({left[0].change})"

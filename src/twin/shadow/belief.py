@@ -1,4 +1,4 @@
-"""What the twin believes of a rig, and how sure it may be of it."""
+"""Belief of the twin about a rig: its parameters, and how certain they are."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FRICTION_FIELDS = {
 }
 """Parameters that are settings of the friction, by their names there."""
 BELIEF_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
-"""What is known of parameters and causes in advance; the file explains its entries."""
+"""Prior of parameters and causes; the file explains its entries."""
 TWIN_ERROR_STD, ROLLING_SCATTER_STD, STOPPING_SCATTER_STD, DRIFT_STD = (
     {name: float(about[kind]) for name, about in BELIEF_TABLES["parameters"].items()}
     for kind in ("constant", "changing", "stopping", "drift")

@@ -1,4 +1,4 @@
-"""What windows of a log say of the twin's parameters: the slopes and curvatures of likelihoods.
+"""Evidence of windows of a log on the twin's parameters: slopes and curvatures of likelihoods.
 
 Close to what is believed, a window's log-likelihood of a deviation d (true minus believed) is
 b'd - d'A d / 2, with A the Fisher information and b the score. The windows of one part of a log add
@@ -220,7 +220,7 @@ def clear(begin: Array, end: Array, gaps: Array, after: float = 0.0) -> Mask:
 
 
 def without_gaps(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> Evidence:
-    """What windows without a gap say.
+    """Evidence of windows without a gap.
 
     Args:
         parts: Of the segments of a log.

@@ -85,7 +85,7 @@ UNEVENNESS_PERCENT = (10.0, 20.0, 5.0, 2.0, 0.0)
 
 @dataclass
 class Shadow:
-    """What the twin reports of a run, or has reported of it so far.
+    """Report of the twin on a run, up to now.
 
     Attributes:
         tests: The sequential tests.
@@ -193,7 +193,7 @@ class Follower:
         self._since = {"replays": begin, "ball": begin, "plate": begin, "screen": begin}
 
     def judge(self, log: Log, *, whole: bool) -> list[Alarm]:
-        """What the twin finds in a log up to now: the alarms with their causes.
+        """Update the findings on a log up to now: the alarms with their causes.
 
         An alarm is in ``result`` as soon as it is raised, without causes until enough has been
         seen.
@@ -449,7 +449,7 @@ def _fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, 
 
 
 def taught(before: Belief, after: Belief) -> str:
-    """What a twin has learned, in a sentence."""
+    """Describe what a twin has learned, in a sentence."""
     old, new = before.values, after.values
     level = np.degrees([new[name] - old[name] for name in ("level_phi", "level_theta")])
     return (

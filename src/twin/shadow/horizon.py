@@ -124,7 +124,7 @@ class FrictionMap:
 
 
 class Smoothed(NamedTuple):
-    """What windows of ``LEAD`` say of what follows.
+    """Prediction from windows of ``LEAD`` on what follows.
 
     Attributes:
         mean: Of the deviations of ``BALL_BELIEFS`` and of the state's four numbers x, y, x', y' at

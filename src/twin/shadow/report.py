@@ -39,7 +39,7 @@ from twin.view.recording import fix, new_stream, send
 from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, event_texts, in_view, line
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
-"""Is given new replays, and times and texts of what happened."""
+"""Called with new replays, and times and texts of events."""
 
 
 class Shown(NamedTuple):
@@ -68,7 +68,7 @@ class TwinStream:
         self._ball = f"{self._scene.plate}/twin_ball"
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not change: the ghost's shape, and the looks of the lines."""
+        """The constant parts: the ghost's shape, and the looks of the lines."""
         radius = self._scene.radius
         solid = rr.components.FillMode.Solid
         yield (
@@ -230,7 +230,7 @@ def sentences(found: Shadow) -> list[str]:
 
 
 def indistinguishable(found: Shadow) -> list[str]:
-    """What a healthy verdict leaves open: changes too small to be seen, and a suspicion."""
+    """Limits of a healthy verdict: changes too small to be seen, and a suspicion."""
     words = []
     least = resolution(found.tests)
     if least:

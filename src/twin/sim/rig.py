@@ -516,7 +516,7 @@ class SimulatedDrives:
         self._period, self._ratio, self._rigs = period, ratio, len(seeds)
         self._rate: Array = np.zeros((self._rigs, 2))
         self.ahead: Array = np.zeros((self._rigs, 2))
-        """By how much the motors have turned further than the shafts, rad, shape (N, 2)."""
+        """Angles by which the motors are ahead of the shafts, rad, shape (N, 2)."""
         self._every: tuple[TrainPart, ...] = ()
         self._vibration = Vibration(period, seeds)
         self._equip(model)

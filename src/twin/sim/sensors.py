@@ -1,4 +1,4 @@
-"""What a simulated rig measures with: noise, plate encoders, touch screen."""
+"""Sensors of a simulated rig: noise, plate encoders, touch screen."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def periods(time: Array, period: float) -> tuple[NDArray[np.integer], Array]:
 
 
 ENCODER_COUNTS_PER_TURN = 245760
-"""Of a plate encoder per turn."""
+"""Counts of a plate encoder per turn."""
 
 
 ENCODER_FOLLOWERS = Followers(

@@ -285,7 +285,7 @@ def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> C
 
 
 REPORT_WORDS = read_toml(Path(__file__).with_name("words.toml"))
-"""What figures and indices are called."""
+"""Words for figures and indices."""
 FAILED_COLOUR = "#B00000"
 MAX_SCATTER_PANELS = 12
 """Parameters over each of which the metric is drawn."""
@@ -558,7 +558,7 @@ def inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
 
 
 def what_ran(work: Work) -> str:
-    """What was run, in words."""
+    """Description of the runs."""
     study = work.study
     steps = " and ".join(f"{1000 * step:g}" for step in sorted(work.steps))
     return (

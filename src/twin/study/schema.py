@@ -1,4 +1,4 @@
-"""What a study, and a family of rigs that are drawn, may say in their files, checked."""
+"""Form of the files of a study and of a family of rigs, checked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.run.files import MOTION_INDICATORS
 
 
 class Parameter(Checked):
-    """What a parameter may be: a distribution by quantiles, or a list of values.
+    """Values of a parameter: a distribution by quantiles, or a list of values.
 
     Exactly one of ``uniform`` (low, high), ``loguniform`` (low, high), ``normal`` (mean, standard
     deviation, low, high: cut there), ``integers`` (first, last), ``values``. With ``relative`` the

@@ -106,7 +106,7 @@ def points(study: Study) -> Design:
 
 _MISSING_VALUE = object()
 KNOWN_BALL_FIELDS = ("mass", "radius", "inertia", "height")
-"""What a controller's designer knows of ball and plate."""
+"""Parameters of ball and plate that a controller's designer knows."""
 
 
 def _with_defaults(scenario: Scenario) -> dict[str, Any]:
@@ -190,7 +190,7 @@ class Builder:
         return whole[at]
 
     def _changed(self, key: str, whole: Any, at: int | None, value: Any, *, relative: bool) -> Any:
-        """What a key becomes: a number, or a list with one of its numbers changed."""
+        """New value of a key: a number, or a list with one of its numbers changed."""
         old = self._part(key, whole, at)
         if relative and not isinstance(old, int | float):
             raise ScenarioError(f"{self._source}: {key}: no number to take a part of, but {old!r}")
@@ -286,7 +286,7 @@ class ScenarioRuns:
         return len({task.key for task in self.tasks})
 
     def scenario(self, task: StudyTask) -> Scenario:
-        """What a task runs."""
+        """Scenario of a task."""
         return self._scenarios[task.point]
 
     def jobs(self, tasks: Iterable[StudyTask]) -> list[Job]:
@@ -341,7 +341,7 @@ class Work(ScenarioRuns):
         return {"variant": variants, "point": at, "seed": seeds, **self.design[at].columns}
 
     def scenario(self, task: StudyTask) -> Scenario:
-        """What a task runs."""
+        """Scenario of a task."""
         return self._made(task.variant, task.point, task.seed)
 
     def _made(self, variant: str, point: int, seed: int) -> Scenario:
@@ -423,7 +423,7 @@ def digest(text: str) -> str:
 
 @cache
 def code() -> str:
-    """What a simulated run executes: its sources, its model, and the libraries it calculates with.
+    """Hash of the code of a simulated run: its sources, its model, and its numerical libraries.
 
     How a run is handed out, what a real rig needs and what is drawn of it are not among them.
     """
@@ -455,6 +455,6 @@ def sources() -> list[Path]:
 
 
 RUN_MODULES = ("assemble", "loop", "metrics", "record")
-"""What of the room ``run`` a run of a study executes."""
+"""Modules of the room ``run`` that a run of a study executes."""
 SCENARIO_MODULES = ("load", "schema")
 """The same of the room ``scenario``."""

@@ -278,7 +278,7 @@ class ReproductionJob(NamedTuple):
 
 
 class RowResult(NamedTuple):
-    """What one simulation of a row gave.
+    """Result of one simulation of a row.
 
     Attributes:
         place: Number of the table and index of the row.
@@ -484,7 +484,7 @@ class ThesisCell:
         return self.exact.deviation(self.thesis)
 
     def as_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints of a cell."""
+        """The ``--json`` form of a cell."""
         found: dict[str, Any] = {
             "table": self.table,
             "row": self.row,

@@ -1,4 +1,4 @@
-"""What a table to be fitted may say, checked; its runs, each made once, and their misfit."""
+"""Form of a table to be fitted, checked; its runs, each made once, and their misfit."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Experiment(Checked):
 
     @property
     def label(self) -> str:
-        """What to call it."""
+        """Label in tables and messages."""
         return self.name or self.scenario
 
     @property
@@ -253,7 +253,7 @@ Sample = tuple[float, ...]
 Wanted = tuple[Sample, int]
 """A sample, and which experiment is to be run with it."""
 Indicators = Mapping[Wanted, Mapping[str, float]]
-"""What runs gave; nan where a run has no such indicator."""
+"""Indicators of runs; nan where a run has no such indicator."""
 
 
 class Runs:

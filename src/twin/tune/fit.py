@@ -227,7 +227,7 @@ def estimates(
 
 @dataclass(frozen=True, kw_only=True)
 class FitResult:
-    """What a fit found.
+    """Result of a fit.
 
     Attributes:
         table: What was asked.

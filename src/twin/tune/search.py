@@ -56,7 +56,7 @@ def violation(constraints: dict[str, float]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """What a candidate is worth on some rigs.
+    """Score of a candidate on some rigs.
 
     Attributes:
         rigs: How many.
@@ -80,7 +80,7 @@ class Score:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What orders scores: first what is violated, then the cost."""
+        """Rank of a score: first its violations, then its cost."""
         return violation(self.constraints), np.inf if self.cost is None else self.cost
 
 
@@ -150,7 +150,7 @@ def loop_constraints(tune: Tune, loop: NominalLoop) -> dict[str, float]:
 
 
 def score(tune: Tune, loop: NominalLoop, found: Indicators) -> Score:
-    """What a candidate is worth, from its runs.
+    """Score of a candidate, from its runs.
 
     Args:
         tune: With tasks and limits.
@@ -373,7 +373,7 @@ def certify(tune: Tune, found: Indicators) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class TuneResult:
-    """What a tune found.
+    """Result of a tune.
 
     Attributes:
         tune: What was asked.
@@ -394,12 +394,12 @@ class TuneResult:
     runs: int
 
     def worth(self, candidate: Candidate) -> Score:
-        """What a finalist is worth where the verdict is given."""
+        """Score of a finalist on the rigs of the verdict."""
         return next(found for each, found in self.finalists if each is candidate)
 
     @property
     def verdict(self) -> Score:
-        """What the chosen one is worth there."""
+        """Score of the chosen candidate on these rigs."""
         return self.worth(self.chosen)
 
     @property

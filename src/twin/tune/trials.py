@@ -1,4 +1,4 @@
-"""What a tune may say, checked; its runs, each made once, and the margins of each nominal loop."""
+"""Form of a tune, checked; its runs, each made once, and the margins of each nominal loop."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class TuneTask(Checked):
 
 
 class Constraints(Checked):
-    """What a candidate must keep besides losing no rig.
+    """Constraints of a candidate besides losing no rig.
 
     Attributes:
         disk: Least disk margin of the nominal loop at any cut, dimensionless.
@@ -241,7 +241,7 @@ Wanted = tuple[Point, int]
 
 
 class Indicators(NamedTuple):
-    """What runs of one candidate gave.
+    """Indicators from the runs of one candidate.
 
     Attributes:
         values: Each task's indicator, shape (rigs, tasks); NaN where a run did not finish.
@@ -369,7 +369,7 @@ class Trials:
         return [self._indicators(own) for _, own in gave.groupby("candidate")]
 
     def _indicators(self, runs: pd.DataFrame) -> Indicators:
-        """Those of one candidate, rig by rig."""
+        """Indicators of one candidate, rig by rig."""
         lost = runs[runs["outcome"] != "finished"]
         reasons = [
             f"{self.tune.tasks[task].name}: {outcome}: {reason}"

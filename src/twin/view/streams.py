@@ -269,7 +269,7 @@ TRAIL_S = 3.0
 
 
 class Batch(NamedTuple):
-    """What goes to one entity in one call: times in s, shape (K,), and columns of components."""
+    """Data of one entity in one call: times in s, shape (K,), and columns of components."""
 
     entity: str
     time: Array
@@ -313,7 +313,7 @@ class RunStream:
         self._marks: dict[str, bool] = {}
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not change over the run: shapes, top view of the plate, reference path."""
+        """The constant parts of the run: shapes, top view of the plate, reference path."""
         yield from self.scene.shapes(self._colour)
         times = np.linspace(0, self.scenario.duration, 2000)
         path = self._reference(times)[0]

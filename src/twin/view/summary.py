@@ -1,4 +1,4 @@
-"""What a record shows of why a run went as it did: as numbers, and in plain sentences."""
+"""Explains from a record why a run went as it did: as numbers, and in plain sentences."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
 
 
 def _total_turning(path: Array) -> float:
-    """By how much the direction of a path (K, 2) turns in all, rad; a reversal is pi."""
+    """Total turning of the direction of a path (K, 2), rad; a reversal is pi."""
     steps = np.diff(path, axis=0)
     steps = steps[np.hypot(*steps.T) > 1e-9]
     turns = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -267,7 +267,7 @@ def _is_goal_still(run: Run) -> bool:
 
 
 def _limits(run: Run, found: Diagnosis) -> list[str]:
-    """What limited a run, the weightiest first, in half a sentence each."""
+    """Limits of a run, the most important first, in half a sentence each."""
     facts = _describe_shaped_reference(run)
     if (away := found.stuck) is not None:
         simulated = "true_x" in run.rows

@@ -89,7 +89,7 @@ class Network:
         return answered()
 
     def answered_otherwise(self, node: int, index: int, sub: int) -> str:
-        """What a node has answered instead to the newest request, in words; empty if nothing."""
+        """Message of a node instead of an answer to the newest request; empty if none."""
         if node not in self._answer:
             return ""
         return protocol.answers_otherwise((index, sub), self._answer[node])
@@ -208,7 +208,7 @@ class Remote:
         return known
 
     def _asked(self, what: str, index: int, sub: int, data: bytes) -> bytes:
-        """What a request is answered with."""
+        """Send a request and return the data of its answer."""
         where = self.axis.where
         try:
             answer = self.network.request(self.axis.node, index, sub, data)

@@ -31,7 +31,7 @@ from twin.devices.akd.config import BusConfig
 from twin.devices.common import FaultReports, claim, error_number, in_words
 
 BUS_ERRORS = (can.CanError, OSError)
-"""What python-can and the drivers below it raise when an adapter goes."""
+"""Errors of python-can and the drivers below it when an adapter is lost."""
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))

@@ -161,7 +161,7 @@ class AxisConfig(Ranged):
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings(Ranged):
-    """What both drives of a rig are set to and watched by.
+    """Settings and monitoring of both drives of a rig.
 
     Attributes:
         host: Node of the host; the drives monitor its heartbeat.

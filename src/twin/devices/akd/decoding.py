@@ -1,4 +1,4 @@
-"""What the frames of a trace say: any CANopen devices, drives of CiA 402 in words.
+"""Decodes the frames of a trace: any CANopen devices, drives of CiA 402 in words.
 
 What a PDO carries is taken from the trace itself, where its mapping is written or read; else from
 the rig file, from an EDS or DCF file, or, where the length fits, from what CiA 402 has as default.
@@ -97,7 +97,7 @@ _MAX_OPEN_TRANSFERS = 50
 _SHORT_S = 0.2
 """Time in s below which one is given in ms."""
 HOST = "host"
-"""Who sends what only a master sends."""
+"""Sender of frames that only a master sends."""
 
 
 def sync_period(frames: Sequence[BusFrame]) -> float:
@@ -129,7 +129,7 @@ class TracedEvent(NamedTuple):
 
 
 class Pdo(NamedTuple):
-    """What a PDO carries.
+    """A PDO with its mapped objects.
 
     Attributes:
         node: The sending or receiving node.
@@ -143,7 +143,7 @@ class Pdo(NamedTuple):
 
 
 class Names:
-    """What objects are called: by an EDS or DCF file, else as the standards and an AKD have them.
+    """Names of objects: from an EDS or DCF file, else from the standards and the AKD.
 
     Args:
         eds: The file.
@@ -199,7 +199,7 @@ def key_of_axis(index: int, axis: int) -> Key:
 
 @dataclass
 class Node:
-    """What a node did.
+    """A node, and the counts of its frames and services.
 
     Attributes:
         name: Its name.
@@ -259,7 +259,7 @@ class _Transfer:
 
 
 class _Held(dict[int, dict[Key, int]]):
-    """What objects of nodes hold: at first what is known of a node without the trace."""
+    """Values of objects of nodes: at first those that are known without the trace."""
 
     def __init__(self, known: Callable[[int], dict[Key, int]]) -> None:
         super().__init__()
@@ -304,7 +304,7 @@ class Conversation:
         """Error frames by what they say."""
         foreign, echoes = list_foreign(heard)
         self.observed = Observed(foreign=foreign)
-        """What the frames show, as data."""
+        """The observations in the frames, as data."""
         self.echoes = len(echoes)
         """Frames that the adapter handed back to its host; they are left out."""
         self.timed = timed
@@ -327,7 +327,7 @@ class Conversation:
         self.bitrate: int | None = rig.bus.bitrate if rig else None
         """Bit rate of the bus in bit/s; None if it is not known."""
         self.values = _Held(self._known_of)
-        """What objects of nodes hold at its end, as far as it was read or written."""
+        """Values of objects of nodes at its end, as far as they were read or written."""
         for self._frame, message in enumerate(heard, 1):
             is_echo, at = self._frame in echoes, message.timestamp - self.begin
             self.observed.times.append(at)
@@ -429,7 +429,7 @@ class Conversation:
         return self.observed.streams[StreamKey(BUS, "SYNC")].time
 
     def called(self, node: int) -> str:
-        """What a node is called."""
+        """Name of a node."""
         axis = self._axes.get(node)
         return f"node {node}" + (f" ({axis.name})" if axis else "")
 
@@ -546,7 +546,7 @@ class Conversation:
         return text
 
     def summary(self) -> dict[str, Any]:
-        """What ``--json`` prints, but for the events."""
+        """The output of ``--json``, without the events."""
         nodes = {f"{each}": {**vars(node), "signals": {}} for each, node in self.nodes.items()}
         for (number, key), series in self.series.items():
             known = [value for value in series.counts if math.isfinite(value)]
@@ -593,7 +593,7 @@ class Conversation:
         return remarks
 
     def object_name(self, node: int, key: Key) -> str:
-        """What an object of a node is called."""
+        """Name of an object of a node."""
         name = self._object(node, key).name
         return f"{key[0]:04X}h{f':{key[1]}' if key[1] else ''}{f' {name}' if name else ''}"
 
@@ -973,7 +973,7 @@ class Conversation:
         return self._assigned(other, found) if found is not None else None
 
     def label(self, stream: StreamKey) -> str:
-        """What a stream is called."""
+        """Name of a stream."""
         return f"{stream.name} of {self.called(stream.node)}" if stream.node else stream.name
 
     def _find_gaps(self) -> None:

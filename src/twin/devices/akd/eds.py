@@ -34,7 +34,7 @@ _Section = dict[str, str]
 
 @dataclass(frozen=True)
 class Value:
-    """What an object holds by the file.
+    """An object as the file describes it.
 
     Attributes:
         number: The number.
@@ -243,7 +243,7 @@ def _type(
 
 
 def _name(key: Key, section: _Section, sections: dict[str, _Section]) -> str:
-    """What an object is called; an entry of a record or array with the name of that before it."""
+    """Name of an object; an entry of a record or array is preceded by the name of the object."""
     own = section.get("denotation") or section.get("parametername", "")
     around = sections.get(f"{key[0]:x}", {})
     whole = "" if around is section else around.get("parametername", "")
@@ -314,7 +314,7 @@ def _expand(
 
 
 def _remarks(file: str, left_out: list[str]) -> tuple[str, ...]:
-    """What was left out, in one line."""
+    """The parts that were left out, in one line."""
     if not left_out:
         return ()
     shown = list_first(left_out, _MAX_SHOWN_REMARKS, "; ")

@@ -1,4 +1,4 @@
-"""What a trace shows, as data: the decoder collects it, and findings are made of it.
+"""Observations in a trace, as data: the decoder collects them, and findings are made of them.
 
 Times are in s since the first frame. Frames are numbered from 1, in the order of their times.
 """
@@ -17,7 +17,7 @@ BUS = 0
 
 
 class StreamKey(NamedTuple):
-    """What is sent again and again: of which node, ``BUS`` for SYNC, and its name."""
+    """A stream of repeated frames: its node, ``BUS`` for SYNC, and its name."""
 
     node: int
     name: str
@@ -155,7 +155,7 @@ class StrayAnswer(NamedTuple):
 
 @dataclass
 class Observed:
-    """What the frames of a trace show, as data.
+    """Observations in the frames of a trace, as data.
 
     Attributes:
         times: Times of all frames, s.

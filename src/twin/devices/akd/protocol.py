@@ -137,7 +137,7 @@ class StatusBit(IntFlag):
 
 
 class AxisRequest(Enum):
-    """What an axis is requested to reach."""
+    """Requested state of an axis."""
 
     DISABLE = "disable"
     ENABLE = "enable"
@@ -235,7 +235,7 @@ def status_words(
 
 
 def error_words(code: int, *, akd: bool = True) -> str:
-    """What an error code (of an emergency, or in 603Fh) means; its class if no more is known.
+    """Meaning of an error code (of an emergency, or in 603Fh); its class if no more is known.
 
     Args:
         code: The code.
@@ -247,7 +247,7 @@ def error_words(code: int, *, akd: bool = True) -> str:
 
 
 def control_words(control: int, mode: int | None = None) -> str:
-    """What a control word asks for, in words.
+    """Request of a control word, in words.
 
     Args:
         control: The word.
@@ -303,7 +303,7 @@ def split_watch(value: int) -> tuple[int, int]:
 
 
 def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:
-    """What the PDOs of a drive carry, by the index of their parameters.
+    """Mapped objects of the PDOs of a drive, by the index of their parameters.
 
     Args:
         plate: The plate encoder's object.

@@ -19,7 +19,7 @@ from twin.devices.akd.trace_files.frames import ERROR_FLAG, EXTENDED_FLAG, REMOT
 from twin.devices.akd.traces import SEAL_FILE, part_of, parts
 
 Hear = Callable[[can.Message], None]
-"""Is given every frame, with its time in s and whether it was received; must not wait."""
+"""Called with every frame, its time in s and whether it was received; must not wait."""
 
 
 class TracedBus(can.BusABC):

@@ -108,7 +108,7 @@ class Transport(ABC):
             raise self._in_words(error) from error
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived, or nothing after a timeout in s.
+        """Bytes that have arrived, or none after a timeout in s.
 
         Raises:
             ScreenError: The port is lost.

@@ -47,7 +47,7 @@ class Report(tuple[Contact, ...]):
 
 @dataclass(slots=True)
 class DecoderStats:
-    """What a decoder has met so far.
+    """Counts of the bytes and packets that a decoder has met so far.
 
     Attributes:
         bytes: Bytes fed.
@@ -68,7 +68,7 @@ class Decoder(ABC):
     """Reports out of bytes; never raises, whatever the bytes."""
 
     name: ClassVar[str]
-    """What a rig file calls the protocol."""
+    """Name of the protocol in a rig file."""
     patience: ClassVar[float] = 0.05
     """Seconds of silence after which half a packet will not be completed any more."""
 
@@ -254,7 +254,7 @@ _LENGTH_UNITS_M = {0x11: 0.01, 0x13: 0.0254}
 _TIME_UNITS = {0x1001, 0x1003}
 """Units of time."""
 _SCAN_TICK = 1e-4
-"""What one count of a scan time stands for, s, where the descriptor gives no unit of time."""
+"""Time in s of one count of a scan time where the descriptor gives no unit of time."""
 
 
 class DescriptorError(TwinError, ValueError):

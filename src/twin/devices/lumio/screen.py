@@ -41,7 +41,7 @@ from twin.hal.interface import Condition, Fault, Touch
 
 
 class TouchState(StrEnum):
-    """What is known of the ball.
+    """State of the detection of the ball.
 
     TOUCHING: reported a moment ago. LIFTED: a lift-off was reported. STALE: reports have ceased
     without a lift-off. LOST: for too long either way, or never seen.
@@ -109,7 +109,7 @@ class Tracker:
         self._frozen = False
 
     def state(self, time: float) -> TouchState:
-        """What is known of the ball at a time."""
+        """Knowledge of the ball at a time."""
         return self._known(self.sample, time)
 
     def _known(self, sample: Sample | None, time: float) -> TouchState:
@@ -335,7 +335,7 @@ class TouchStream:
 
     @property
     def stats(self) -> DecoderStats:
-        """What the decoder has met so far."""
+        """Counts of the decoder so far."""
         return self.decoder.stats if self.decoder else DecoderStats()
 
     def report_fault(self, condition: Condition, detail: str) -> None:
@@ -343,7 +343,7 @@ class TouchStream:
         self._faults.append(Fault(condition, SCREEN_PLACE, detail))
 
     def faults(self) -> list[Fault]:
-        """What has been detected since the last call, oldest first; any thread may ask."""
+        """Faults detected since the last call, oldest first; any thread may ask."""
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
     def begin(self, decoder: Decoder | None) -> None:
@@ -546,14 +546,14 @@ class LumioScreen:
         self.stream.tracker.note_tilt(self._now(), tilt)
 
     def faults(self) -> tuple[Fault, ...]:
-        """What has been detected since the last call, oldest first; ask once per period."""
+        """Faults detected since the last call, oldest first; ask once per period."""
         if self._watching:
             self.stream.tracker.watch(self._now())
         return tuple(self.stream.faults())
 
     @property
     def state(self) -> TouchState:
-        """What is known of the ball now."""
+        """Knowledge of the ball now."""
         return self.stream.tracker.state(self._now())
 
     @property
@@ -563,7 +563,7 @@ class LumioScreen:
 
     @property
     def hint(self) -> str:
-        """What to change if there is no position; empty if nothing is known."""
+        """Advice on missing positions; empty if nothing is known."""
         if self.stream.looks_like:
             return f"the bytes look like {self.stream.looks_like}: set touch.protocol to that"
         if not self.stream.heard:

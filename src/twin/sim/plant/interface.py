@@ -1,4 +1,4 @@
-"""What every simulated plant is: its interface, where the ball begins, parts, and kinematics."""
+"""Interface of every simulated plant, start of the ball, parts, and kinematics."""
 
 from __future__ import annotations
 

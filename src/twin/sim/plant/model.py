@@ -30,7 +30,7 @@ _SENSOR_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _NEVER_LEVEL = "mechanism: these parts do not come to rest level"
 
 _BALANCE_STEP = 1e-6
-"""By how much unknowns of the balance are varied for its derivatives, m and rad."""
+"""Steps of the unknowns of the balance for its derivatives, m and rad."""
 _BALANCE_TOLERANCE = 1e-10
 """Newton steps of the balance smaller than this are the last, m and rad."""
 
@@ -111,7 +111,7 @@ MODEL_NAMES = {
         "torque_theta",
     ),
 }
-"""What the plant asks of a model, by kind; the contract of the model file."""
+"""Names that the plant needs in a model, by kind; the contract of the model file."""
 ON_CAMS = {
     "geom": ("wheel_phi", "wheel_theta", "cam_phi", "cam_theta"),
     "tendon": ("spring",),

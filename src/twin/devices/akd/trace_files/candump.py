@@ -54,7 +54,7 @@ _RECEIVED_MARKS = {"": True, "R": True, "T": False}
 
 
 def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What ``candump -L`` writes: ``(1.5) can0 701#05 R``.
+    """Reader of ``candump -L``: ``(1.5) can0 701#05 R``.
 
     Data frames in the form that candump itself prints are read without a regular expression for the
     whole line, in half the time.
@@ -123,7 +123,7 @@ def _log_frame(match: re.Match[str]) -> TracedFrame | None:
 
 
 _COLOUR_CODES = re.compile(r"\x1b\[[0-9;]*m")
-"""What colours a line on a terminal (candump -c)."""
+"""Escape sequences that colour a line on a terminal (candump -c)."""
 
 
 def without_colours(line: str) -> str:
@@ -138,7 +138,7 @@ TERMINAL_LINE = re.compile(
 
 
 def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What candump prints on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
+    """Reader of candump's output on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
 
     The channel may be missing, as where parts of lines were copied. Times may be absolute (-ta,
     -tA), since the first frame (-tz), from frame to frame (-td, which are added up), or missing:

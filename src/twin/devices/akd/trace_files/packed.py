@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
-    """What Vector's tools pack (.blf)."""
+    """Reader of packed files of Vector's tools (.blf)."""
     import can  # noqa: PLC0415  takes 0.2 s
 
     number = 0
@@ -31,7 +31,7 @@ def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | 
 
 
 def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
-    """What python-can keeps in a database (.db)."""
+    """Reader of databases of python-can (.db)."""
     import can  # noqa: PLC0415  takes 0.2 s
 
     notes.remarks.append(

@@ -168,7 +168,7 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
 
 
 def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
-    """What Kvaser's CanKing prints: channel, identifier, flag, length, data, time, direction."""
+    """Reader of Kvaser's CanKing: channel, identifier, flag, length, data, time, direction."""
     rows = (line.split() for line in lines if re.match(r"\s*\d+\s", line))
     first = list(islice(rows, LOOKAHEAD_LINES))
     base = _base([row[1] for row in first if len(row) > 1], "")

@@ -17,7 +17,7 @@ _DAYS_TO_1970 = 25569
 
 
 def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What Vector's tools write (.asc), with times from the start or from event to event."""
+    """Reader of Vector's tools (.asc), with times from the start or from event to event."""
     base, relative, passed = 16, False, 0.0
     for line in lines:
         if header := re.match(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(\w+))?", line, re.I):
@@ -122,7 +122,7 @@ _TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
 
 
 def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings.
+    """Reader of PCAN-View (.trc), of any version, with its rows of errors and warnings.
 
     Lines that were copied without the header have the form of one of the versions.
     """
@@ -220,7 +220,7 @@ _BUSMASTER_LINE = re.compile(
 
 
 def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What BUSMASTER writes (.log); parts of a second may lack their leading zeros."""
+    """Reader of BUSMASTER (.log); parts of a second may lack their leading zeros."""
     rest = iter(lines)
     first = list(islice(rest, LOOKAHEAD_LINES))
     digits = [len(row[4]) for line in first if (row := _BUSMASTER_LINE.match(line))]
