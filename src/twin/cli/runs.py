@@ -6,7 +6,7 @@ import keyword
 import re
 import tempfile
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +21,15 @@ from twin.base.shipped import folder, model_path
 from twin.base.writing import write_whole
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, say, show, show_titles
-from twin.run.files import FILM_SUFFIXES, NEWEST_RUN, check_no_scenario, free, run_folder
+from twin.run.files import (
+    FILM_SUFFIXES,
+    NEWEST_RUN,
+    check_no_scenario,
+    free,
+    is_last,
+    last,
+    run_folder,
+)
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -451,6 +459,18 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     return names
 
 
+def _report_folder(asked: tuple[Path, ...], opened: Sequence[Run]) -> Path:
+    """Folder of a report: of its run, of its comparison, or the folder above its runs."""
+    folder = opened[0].folder
+    assert folder is not None
+    if len(opened) == 1:
+        return folder
+    if len(asked) > 1:
+        return folder.parent
+    (comparison,) = asked or (Path(NEWEST_RUN),)
+    return last() if is_last(comparison) else comparison
+
+
 @options.command(example="report runs/circle --format html,png", reads=True)
 @click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
 @click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,svg")
@@ -469,9 +489,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     for each in opened:
         if each.folder is not None and (each.folder / SEAL_FILE).exists():
             each.incomplete = (*each.incomplete, *find_altered_parts(each.folder / TRACE_FILE))
-    folder = opened[0].folder
-    assert folder is not None
-    stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
+    stem = out or _report_folder(runs, opened) / "report"
     if stem.suffix.removeprefix(".") in REPORT_FORMATS:
         stem = stem.with_suffix("")
     if stem.is_dir():
