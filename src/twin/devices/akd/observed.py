@@ -1,4 +1,4 @@
-"""What a trace shows, as data: the decoder collects it, and findings are made of it.
+"""Observations in a trace, as data: the decoder collects them, and findings are made of them.
 
 Times are in s since the first frame. Frames are numbered from 1, in the order of their times.
 """
@@ -17,7 +17,7 @@ BUS = 0
 
 
 class StreamKey(NamedTuple):
-    """What is sent again and again: of which node, ``BUS`` for SYNC, and its name."""
+    """A stream of repeated frames: its node, ``BUS`` for SYNC, and its name."""
 
     node: int
     name: str
@@ -59,7 +59,7 @@ class Rhythm(NamedTuple):
     gaps: list[Gap]
 
     def long(self, pauses: float) -> list[Gap]:
-        """Its gaps of more than so many usual pauses, and its end before that of the trace."""
+        """Its gaps of more than so many usual pauses, and its end if it ends before the trace."""
         limit = pauses * self.usual
         return [each for each in self.gaps if each.end is None or each.end - each.begin > limit]
 
@@ -155,7 +155,7 @@ class StrayAnswer(NamedTuple):
 
 @dataclass
 class Observed:
-    """What the frames of a trace show, as data.
+    """Observations in the frames of a trace, as data.
 
     Attributes:
         times: Times of all frames, s.
@@ -165,7 +165,7 @@ class Observed:
         foreign: Numbers of frames that somebody else sent with an identifier of the host, where
             the trace has who sent a frame.
         streams: When SYNC, heartbeats and PDOs came.
-        misfits: PDOs whose length is not that of their mapping.
+        misfits: PDOs with a length other than the length of their mapping.
         rhythms: Those of them that came regularly.
         sent_by: All frames of a node, by its number.
         changes: Values of the objects of which every change is reported, by node and object.

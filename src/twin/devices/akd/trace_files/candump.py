@@ -21,7 +21,7 @@ LOG_LINE = re.compile(
     r"\s*\((-?\d+\.?\d*)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
     r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
 )
-_DROPPED = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
+_DROPPED_FRAMES = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
 """A line of ``candump -d``: frames that the socket lost."""
 _MIN_SMALL_SHARE, _MIN_LARGEST_SHARE, _MIN_HALVED_SHARE = 0.1, 0.5, 0.1
 """Least share of small times, of times that equal the largest, and of times less than half of the
@@ -36,7 +36,7 @@ class _Dropped:
 
     def is_in(self, line: str) -> bool:
         """Whether a line is such a report; it is then counted."""
-        match = _DROPPED.match(line)
+        match = _DROPPED_FRAMES.match(line)
         self.count += int(match[1]) if match else 0
         return match is not None
 
@@ -49,12 +49,12 @@ class _Dropped:
 _PLAIN_TIME = re.compile(r"\(\d+\.\d{6}")
 _PLAIN_HEAD = re.compile(r" +(\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})")
 """The beginning of a line of a log as candump prints it, and what then stands before the data."""
-_RECEIVED = {"": True, "R": True, "T": False}
+_RECEIVED_MARKS = {"": True, "R": True, "T": False}
 """Whether a frame was received, by what stands behind its data."""
 
 
 def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What ``candump -L`` writes: ``(1.5) can0 701#05 R``.
+    """Reader of ``candump -L``: ``(1.5) can0 701#05 R``.
 
     Data frames in the form that candump itself prints are read without a regular expression for the
     whole line, in half the time.
@@ -67,9 +67,9 @@ def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame
         text, _, way = after.rstrip().partition(" ")
         known = heads[head] if head in heads else heads.setdefault(head, _read_head(head))
         data = _read_bytes(text)
-        if known and data is not None and way in _RECEIVED and _PLAIN_TIME.fullmatch(time):
+        if known and data is not None and way in _RECEIVED_MARKS and _PLAIN_TIME.fullmatch(time):
             channel, number, extended, error = known
-            received = _RECEIVED[way]
+            received = _RECEIVED_MARKS[way]
             yield TracedFrame(
                 float(time[1:]), number, data, extended, False, error, received, len(data), channel
             )
@@ -122,13 +122,13 @@ def _log_frame(match: re.Match[str]) -> TracedFrame | None:
     )
 
 
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-"""What colours a line on a terminal (candump -c)."""
+_COLOUR_CODES = re.compile(r"\x1b\[[0-9;]*m")
+"""Escape sequences that colour a line on a terminal (candump -c)."""
 
 
 def without_colours(line: str) -> str:
     """A line without the marks that colour it on a terminal."""
-    return _COLOURS.sub("", line)
+    return _COLOUR_CODES.sub("", line)
 
 
 TERMINAL_LINE = re.compile(
@@ -138,7 +138,7 @@ TERMINAL_LINE = re.compile(
 
 
 def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What candump prints on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
+    """Reader of candump's output on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
 
     The channel may be missing, as where parts of lines were copied. Times may be absolute (-ta,
     -tA), since the first frame (-tz), from frame to frame (-td, which are added up), or missing:
