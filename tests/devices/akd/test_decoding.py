@@ -88,8 +88,8 @@ def test_a_refusal_is_told_by_the_code_that_canopen_got(talk):
     told = said(*heard, names=Names(EDS))
     assert f"reads 2302h of node 5: refused, code {code:08X}h, no such object" in texts(told, "SDO")
     assert told.nodes[5].transfers == {"reads": 3, "writes": 2, "refused": 1}
-    assert texts(told, "EMCY") == ["2310h continuous over current F3"]
-    assert told.nodes[5].faults[0]["text"] == "2310h continuous over current F3"
+    assert texts(told, "EMCY") == ["2310h continuous over current 46 33"]
+    assert told.nodes[5].faults[0]["text"] == "2310h continuous over current 46 33"
     assert texts(told, "NMT") == ["start: node 5"]
 
 
