@@ -4,6 +4,7 @@ import gc
 import os
 from functools import cache
 
+import bytecode  # noqa: F401  before all that is compiled
 import one_thread  # noqa: F401  before numpy
 import pytest
 from hypothesis import HealthCheck, settings
