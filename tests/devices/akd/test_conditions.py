@@ -49,7 +49,12 @@ def rig():
 
 
 AT = [
-    pytest.param(*each, period, id=f"{each[0]}-{each[1].name}-{1e3 * period:g} ms")
+    pytest.param(
+        *each,
+        period,
+        id=f"{each[0]}-{each[1].name}-{1e3 * period:g} ms",
+        marks=pytest.mark.long if period < 0.002 else (),
+    )
     for period in (0.001, 0.002, 0.004)
     for each in CASES
     if each[0] != "pdo_late" or period < 0.003  # by 3 ms, in time within a longer period
