@@ -10,7 +10,7 @@ import pytest
 from twin.cli import output
 from twin.run.finished import open_runs
 
-pytestmark = pytest.mark.usefixtures("no_pictures")
+pytestmark = pytest.mark.usefixtures("no_pictures", "quick_pictures")
 
 QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
 

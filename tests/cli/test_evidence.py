@@ -26,7 +26,7 @@ from twin.run.finished import open_run
 from twin.scenario.load import load
 from twin.view.html import html
 
-pytestmark = pytest.mark.usefixtures("no_pictures")
+pytestmark = pytest.mark.usefixtures("no_pictures", "quick_pictures")
 
 
 class Warned(Reporter):

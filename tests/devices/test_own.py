@@ -334,6 +334,31 @@ def test_a_law_brings_the_ball_of_another_rig_to_its_set_point(scenario):
     assert hardware.board.ball == pytest.approx([0.05, -0.03], abs=0.001)
 
 
+class CountedError(OSError):
+    """Counts how often its words are asked for."""
+
+    count = 0
+
+    def __str__(self):
+        CountedError.count += 1
+        return "cable gone"
+
+
+def test_the_words_of_a_fault_that_lasts_are_found_once(scenario):
+    hardware = VirtualBoard()
+
+    def broken():
+        raise CountedError
+
+    with own_rig(hardware, scenario()) as rig:
+        hardware.measure = broken
+        turned(rig, rig.period)
+        once = CountedError.count
+        turned(rig, 0.1)
+        assert CountedError.count == once > 0
+    assert any("cable gone" in each.note.text for each in rig.journal)
+
+
 HEAD = "from ballplate.hardware import Hardware, Reading\n"
 WHOLE = "  start = measure = command = stop = lambda *_: None\n"
 WRONG = {

@@ -109,6 +109,7 @@ def test_the_eds_is_written_without_serving(tmp_path):
 SERVE = "import sys; from twin.cli import main; raise SystemExit(main())"
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="no Unix sockets in Python here")
 def test_a_foreign_master_drives_the_command_over_its_pty_and_a_socket_brings_faults(tmp_path):

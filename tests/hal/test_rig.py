@@ -199,8 +199,17 @@ def test_the_plate_is_looked_at_again_every_20_ms_at_any_period(period, scenario
         assert len(seen) == 20
 
 
-@pytest.mark.parametrize(("dead_time", "most"), [(0.0, 0.2), (0.05, 0.2), (0.1, 0.5)])
-@pytest.mark.parametrize("on", ["hobby", "three_legs"])
+@pytest.mark.parametrize(
+    ("on", "dead_time", "most"),
+    [
+        ("hobby", 0.0, 0.2),
+        ("hobby", 0.05, 0.2),
+        ("hobby", 0.1, 0.5),
+        ("three_legs", 0.1, 0.5),
+        pytest.param("three_legs", 0.0, 0.2, marks=pytest.mark.long),
+        pytest.param("three_legs", 0.05, 0.2, marks=pytest.mark.long),
+    ],
+)
 def test_a_rig_is_left_level_with_late_drives_too(on, dead_time, most):
     late = f"plant.servo.dead_time={dead_time}"
     rig = assemble(load("circle", [f"parameters={on}", late])).rig

@@ -202,6 +202,7 @@ def test_the_clean_model_goes_beside_without_friction(driven):
     assert last["ghost_error"] < 0.1 * last["error"]
 
 
+@pytest.mark.long
 def test_the_cure_follows_a_path_that_is_known_and_a_goal_that_nobody_knew_of(driven, tmp_path):
     told = []
     script = {

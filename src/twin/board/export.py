@@ -22,8 +22,9 @@ from __future__ import annotations
 import math
 import re
 import textwrap
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -46,6 +47,9 @@ from twin.run.assemble import (
     own_errors,
 )
 from twin.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,40}")
@@ -164,6 +168,12 @@ def reference_parts(scenario: Scenario) -> dict[str, Any]:
 
 
 def _render(template: str, real: str, given: dict[str, Any]) -> str:
+    return _compile_template(template, real).render(given)
+
+
+@cache
+def _compile_template(template: str, real: str) -> Template:
+    """A template for numbers of a C type, compiled once."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: loaded when needed
 
     how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
@@ -172,7 +182,7 @@ def _render(template: str, real: str, given: dict[str, Any]) -> str:
     how.filters["rows"] = lambda values: _rows(values, real)
     how.filters["table"] = lambda values: _table(values, real)
     how.globals["number"] = lambda value: number(value, real)
-    return how.from_string((TEMPLATE_FOLDER / template).read_text(encoding="utf-8")).render(given)
+    return how.from_string((TEMPLATE_FOLDER / template).read_text(encoding="utf-8"))
 
 
 def _table(values: Array, real: str) -> str:

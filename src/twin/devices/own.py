@@ -473,8 +473,13 @@ class _OwnDriver:
         try:
             return method()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
-            self._report(self._failed, _describe_error(error, self._file))
+            if not self._is_reported(self._failed):
+                self._report(self._failed, _describe_error(error, self._file))
             return None
+
+    def _is_reported(self, condition: Condition) -> bool:
+        """Whether a fault was reported; to find its words again would take time in every period."""
+        return self._reports.latched(condition, self.where)
 
     def _report(self, condition: Condition, detail: str) -> None:
         self._reports.report(condition, self.where, detail, self.now())
@@ -660,13 +665,15 @@ class OwnServos(_OwnDriver):
             self._astray = None
         elif self._astray is None:
             self._astray = now
-        elif now - self._astray > ASTRAY_FOR:
+        elif now - self._astray > ASTRAY_FOR and not self._is_reported(ASTRAY):
             self._watch_direction(UNDELAYED_DIRECTION_TEST)
             text = f"{off.max():.1f} deg off for {now - self._astray:.1f} s"
             self._report(ASTRAY, f"{text}{self._describe_scale(int(off.argmax()))}")
 
     def _watch_direction(self, test: _DirectionTest) -> None:
         """Report an axis that is measured to turn against its commands."""
+        if self._is_reported(OPPOSITE):
+            return
         commanded, measured = np.split(np.array(self._motion), 2, axis=1)
         for axis, name in enumerate(AXIS_NAMES):
             asked, seen = commanded[:, axis], measured[:, axis]
@@ -682,6 +689,8 @@ class OwnServos(_OwnDriver):
 
     def _watch_scale(self, axis: int) -> None:
         """Report an axis that is measured to turn farther than commanded."""
+        if self._is_reported(WRONG_RATIO):
+            return
         gain = self._scale(axis)
         if gain is not None and gain >= SCALE_TEST.too_far:
             text = f"{AXIS_NAMES[axis]}: measured {gain:.1f} times what is commanded"

@@ -275,7 +275,7 @@ def logs(pairs: Sequence[tuple[Scenario, Scenario]]) -> list[Log]:
     duration, period = truths[0].duration, truths[0].rig.period
     keep = ("measured", "age", "touched", "applied")
     record = Recorder(round(duration / period), len(pairs), period, keep=keep)
-    drive(*assemble(truths, threads=1), duration, record)
+    drive(*assemble(truths, threads=1, unseen=True), duration, record)
     columns = {name: values.reshape(len(pairs), -1) for name, _, values in record.columns()}
     return [
         of_columns(

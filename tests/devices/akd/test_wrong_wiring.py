@@ -109,7 +109,13 @@ WIRES = {
 }
 
 
-@pytest.mark.parametrize("on", [PLANT, COURSE], ids=["cams", "rods"])
+MECHANISMS = [
+    pytest.param(PLANT, id="cams"),
+    pytest.param(COURSE, id="rods", marks=pytest.mark.long),
+]
+
+
+@pytest.mark.parametrize("on", MECHANISMS)
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_wrong_wire_is_named_on_cams_and_on_rods(wire, on):
     wiring, condition = WIRES[wire]
@@ -120,7 +126,7 @@ def test_a_wrong_wire_is_named_on_cams_and_on_rods(wire, on):
     assert tilt < float(rig.supervisor.limits.angle) + np.radians(2.0)
 
 
-@pytest.mark.parametrize("on", [PLANT, COURSE], ids=["cams", "rods"])
+@pytest.mark.parametrize("on", MECHANISMS)
 def test_exchanged_drives_are_named_by_where_the_ball_rolls_and_the_plate_is_levelled(on):
     rig = LockstepRig(load("circle", on))
     rig.plant.wiring = rig.plant.wiring._replace(encoders=(1, 0), motors=(1, 0))
