@@ -201,7 +201,7 @@ def test_what_cannot_be_done_is_said_in_a_line(library):
         "rig.period cannot be set",
         "plant.start.x can be set before the first step only",
         "a step of 0.003 s is no multiple of the control period, rig.period",
-        "a step from 0.5 s, but this rig is at 0 s",
+        "a step from 0.5 s, but this FMU is at 0 s",
         "a step of 0 s is no multiple of the control period, rig.period",
     ]
     assert rig.said == said
@@ -343,7 +343,7 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     source = library.parents[2] / "sources"
     shell = HERE.parents[1] / "src/twin/fmu/c/fmi2.c"
     program = tmp_path / "exercise"
-    names = ("rig.c", "instance.c", "fmi3.c", "fmi3_absent.c", "scenario.c")
+    names = ("rig.c", "instance.c", "fmi3.c", "fmi3_absent.c", "scenario.c", "variables.c")
     files = [HERE / "exercise.c", *(source / name for name in names), shell]
     flags = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wno-unused-parameter -Werror -g -O1"
     flags += " -fsanitize=address,undefined -fno-sanitize-recover=all"
