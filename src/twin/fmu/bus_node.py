@@ -86,6 +86,7 @@ def export_drive(path: Path, kind: str) -> str:
         fmi=3,
         bus=CAN_BUS,
         description=DESCRIPTION,
+        independent=(),
         step=STEP_S,
         duration=DURATION_S,
     )

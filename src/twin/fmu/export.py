@@ -199,7 +199,8 @@ def model_description(
         bus: The bus that the FMU is a node of; of FMI 3.0 only.
         about: ``name`` of the model and its binaries; ``token``, by which FMU and description know
             each other; ``compiled``, the source files; ``description`` in words; ``step`` and
-            ``duration`` in s of a default experiment.
+            ``duration`` in s of a default experiment; ``independent``, which of the lists Outputs
+            and InitialUnknowns name no dependency, as its outputs have none.
     """
     given = {"variables": variables, "fmi": fmi, "bus": bus, **about}
     given |= {"version": version("ballplate"), "exponents": exponents}
@@ -273,6 +274,8 @@ COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-
 """How the binary is compiled: without fused operations, so that every processor rounds alike."""
 REFERENCE_FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 """Folder of the reference, as the layered standard fmi-ls-ref has it."""
+QUIET_REFERENCE = "With noise = false; made by the twin, not by this FMU"
+"""Description of the reference of a rig."""
 MAX_REFERENCE_S = 5.0
 """Longest time in s of the reference."""
 
@@ -308,9 +311,10 @@ def export(
         path,
         held,
         *sources(scenario, held, fmi),
-        {f"{REFERENCE_FOLDER}/{file}": text for file, text in reference(quiet).items()},
+        reference(quiet),
         fmi=fmi,
         description=f"Rig of: {scenario.title}. {RIG_PARTS}",
+        independent=("Outputs",),
         step=scenario.rig.period,
         duration=scenario.duration,
     )
@@ -406,7 +410,7 @@ def path_of(scenario: Scenario) -> Array:
 
 
 def reference(scenario: Scenario) -> dict[str, str]:
-    """Commands and what the twin answers, to check an import against: CSV by name.
+    """Commands and the twin's answers, to check an import against, by the names of their files.
 
     The scenario's own controller commands; the numbers are those of the twin in Python.
     """
@@ -426,12 +430,24 @@ def reference(scenario: Scenario) -> dict[str, str]:
     commands = ["rate_phi", "rate_theta"]
     answers = ["measured_x", "measured_phi", "measured_y", "measured_theta", "true_x", "true_y"]
     whole = pd.DataFrame(rows, columns=["time", *commands, *answers])
-    tables = {
-        f"reference_{part}.csv": whole[["time", *names]].to_csv(index=False, lineterminator="\n")
-        for part, names in {"in": commands, "out": answers}.items()
+    return reference_files(whole[["time", *commands]], whole[["time", *answers]], QUIET_REFERENCE)
+
+
+def reference_files(given: pd.DataFrame, expected: pd.DataFrame, about: str) -> dict[str, str]:
+    """Inputs and the outputs that belong to them, as fmi-ls-ref has them, by names in an archive.
+
+    Args:
+        given: Inputs, ``time`` first; a row holds until the next.
+        expected: Outputs, ``time`` first.
+        about: A description in words.
+    """
+    found = {
+        f"reference_{part}.csv": table.to_csv(index=False, lineterminator="\n")
+        for part, table in (("in", given), ("out", expected))
     }
-    manifest = "fmi-ls-manifest.xml"
-    return tables | {manifest: (TEMPLATE_FOLDER / manifest).read_text(encoding="utf-8")}
+    manifest = TEMPLATE_FOLDER / "fmi-ls-manifest.xml.j2"
+    found[manifest.stem] = render_template(manifest, about=about)
+    return {f"{REFERENCE_FOLDER}/{file}": text for file, text in found.items()}
 
 
 def compile_binary(
