@@ -35,7 +35,7 @@ def quickly_compiled():
         yield
 
 
-def settings(law="lqr", observer="luenberger", **more):
+def settings(law="pid", observer="kalman", **more):
     """Changes of the circle's scenario."""
     found = OFF_CENTRE | {"plant.kind": "lagrange", "observer.kind": observer}
     return found | {"controller.kind": law} | more
@@ -46,7 +46,7 @@ def controllers(tmp_path_factory):
     """Path of a controller's FMU; each is made once."""
     known = {}
 
-    def path(fmi=3, law="lqr", observer="luenberger", **more):
+    def path(fmi=3, law="pid", observer="kalman", **more):
         key = (fmi, law, observer, *more.items())
         if key not in known:
             file = tmp_path_factory.mktemp("controller") / f"controller{fmi}.fmu"
@@ -92,15 +92,12 @@ def under(changes):
     return {key.replace(".", "__"): value for key, value in changes.items()}
 
 
-@pytest.mark.parametrize(
-    ("fmi", "law", "observer"),
-    [(3, "lqr", "luenberger"), (2, "pid", "kalman")],
-)
-def test_with_the_rig_it_is_the_run_of_the_twin(controllers, exported, fmi, law, observer):
-    silent = exact("circle", **under(settings(law, observer, **SILENT)))
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_with_the_rig_it_is_the_run_of_the_twin(controllers, exported, fmi):
+    silent = exact("circle", **under(settings(**SILENT)))
     expected = followed(*assemble(silent), silent)
     rig = Unit(exported / f"rig{fmi}.fmu", noise=False)
-    found = coupled(rig, Unit(controllers(fmi, law, observer)), 200)
+    found = coupled(rig, Unit(controllers(fmi)), 200)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     assert np.ptp(expected[:, [0, 4]], axis=0).min() > 1e-4
 
@@ -113,7 +110,7 @@ def test_a_master_that_steps_both_at_once_gives_each_command_one_period_late(con
     from libcosimpy.CosimSlave import CosimLocalSlave
 
     log_output_level(CosimLogLevel.FATAL)  # it takes `time` for a variable that needs a start
-    files = exported / "rig2.fmu", controllers(2, "pid", "kalman")
+    files = exported / "rig2.fmu", controllers(2)
     places = [{name: each.valueReference for name, each in Unit(f).known.items()} for f in files]
     execution = CosimExecution.from_step_size(2_000_000)  # nanoseconds
     rig, controller = (execution.add_local_slave(CosimLocalSlave(str(f), f.stem)) for f in files)
@@ -134,19 +131,20 @@ def test_a_master_that_steps_both_at_once_gives_each_command_one_period_late(con
         found.append(observer.last_real_values(rig, ball))
     runs = []
     for dead_time in (0.002, 0.0):
-        changes = settings("pid", "kalman", **SILENT, **{"plant.servo.dead_time": dead_time})
+        changes = settings(**SILENT, **{"plant.servo.dead_time": dead_time})
         scenario = exact("circle", **under(changes))
         runs.append(followed(*assemble(scenario), scenario)[1:, [0, 4]])
     np.testing.assert_allclose(found, runs[0], rtol=0, atol=1e-9)
     assert np.abs(runs[1] - runs[0]).max() > 1e-5
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("fmi", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_as_a_law_of_the_loop_it_commands_what_python_does(controllers, fmi):
     """On the mechanism in MuJoCo, also while the ball is not seen."""
     brief = {"baseline": False, "sensors.touch.hidden": [0.053, 0.0, 0.0543, 0.1]}
     brief |= OFF_CENTRE | {"duration": 0.3, "observer.kind": "kalman"}
-    law = {"controller.kind": "fmu", "controller.file": str(controllers(fmi, "pid", "kalman"))}
+    brief |= {"sensors.touch.frame_rate": 133.0}
+    law = {"controller.kind": "fmu", "controller.file": str(controllers(fmi))}
     theirs = bp.run("circle", brief | law).record
     own = bp.run("circle", brief | {"controller.kind": "pid"}).record
     assert not own["touched"].all()
@@ -155,7 +153,7 @@ def test_as_a_law_of_the_loop_it_commands_what_python_does(controllers, fmi):
 
 
 def test_periods_that_a_loop_missed_are_periods_without_touch(controllers):
-    file = controllers(3, "pid", "kalman")
+    file = controllers()
     seen = {"measured_x": 0.05, "measured_y": 0.03}
     late = Unit(file)
     for k, touched in enumerate([True, True, False, False, True]):
@@ -171,6 +169,7 @@ def test_periods_that_a_loop_missed_are_periods_without_touch(controllers):
     assert np.abs(answer).min() > 0
 
 
+@pytest.mark.long
 def test_a_reference_from_outside_is_followed_as_the_one_within(controllers):
     inside, outside = Unit(controllers()), Unit(controllers(reference_inputs=True))
     given = reference_of(controllers(reference_inputs=True), "in")
@@ -189,6 +188,7 @@ def test_a_reference_from_outside_is_followed_as_the_one_within(controllers):
     assert np.abs(outside.get(*RATES) - inside.get(*RATES)).max() > 1e-3
 
 
+@pytest.mark.long
 def test_a_controller_in_float_differs_by_rounding_alone(controllers):
     given, rates = reference_of(controllers(), "in")[:100], []
     for real in ("double", "float"):
@@ -202,7 +202,7 @@ def test_a_controller_in_float_differs_by_rounding_alone(controllers):
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_a_saved_state_goes_on_to_the_same_bits(controllers, fmi):
-    unit = Unit(controllers(fmi, "pid", "kalman"), measured_x=0.05)
+    unit = Unit(controllers(fmi), measured_x=0.05)
     name = "FMUState" if fmi == 3 else "FMUstate"
 
     def go_on():
@@ -276,7 +276,7 @@ def test_each_law_with_each_observer_and_the_rig_is_the_run_of_the_twin(tmp_path
 
 @pytest.mark.long
 def test_compiler_and_sanitizers_find_nothing(controllers, tmp_path):
-    with zipfile.ZipFile(controllers(3, "pid", "kalman")) as archive:
+    with zipfile.ZipFile(controllers()) as archive:
         archive.extractall(tmp_path)
     source = tmp_path / "sources"
     flags = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wno-unused-parameter -Werror -g -O1"
