@@ -189,6 +189,19 @@ def test_a_reference_from_outside_is_followed_as_the_one_within(controllers):
 
 
 @pytest.mark.long
+def test_a_reference_is_that_of_the_simulated_time(controllers):
+    """A simulation that begins later follows the later part of the path."""
+    on_time, late = Unit(controllers()), Unit(controllers(), start=0.2)
+    outside = Unit(controllers(reference_inputs=True))
+    given = reference_of(controllers(reference_inputs=True), "in")[100]
+    outside.put({name: float(given[name]) for name in given.dtype.names if "reference" in name})
+    for unit, time in ((on_time, 0.0), (late, 0.2), (outside, 0.0)):
+        unit.fmu.doStep(time, 0.002)
+    np.testing.assert_allclose(late.get(*RATES), outside.get(*RATES), rtol=0, atol=1e-12)
+    assert np.abs(late.get(*RATES) - on_time.get(*RATES)).max() > 1e-6
+
+
+@pytest.mark.long
 def test_a_controller_in_float_differs_by_rounding_alone(controllers):
     given, rates = reference_of(controllers(), "in")[:100], []
     for real in ("double", "float"):

@@ -320,7 +320,7 @@ def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypat
     [
         (
             ["circle", "rig.fmu", "--fps", "2"],
-            "of an .fmu there are the options --fmi, --reference, --on and --set",
+            "of an .fmu there are the options --fmi, --reference, --controller, --real, --on",
         ),
         (
             ["circle", "rig.csv", "--fmi", "3"],
@@ -367,4 +367,9 @@ def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exporte
     for i, name in enumerate(names):
         np.testing.assert_allclose(found[name], wished[i // 2, :, i % 2], rtol=0, atol=1e-12)
     assert np.ptp(found["reference_x_acc"]) > 1e-3
+    later = fmpy.simulate_fmu(
+        str(path), output=names, start_time=0.5, stop_time=0.6, output_interval=0.002
+    )
+    assert later["time"][0] == 0.5
+    np.testing.assert_allclose(later["reference_x"], found["reference_x"][250:301], atol=1e-12)
     assert not variables(exported / f"rig{fmi}.fmu").keys() & {*names}

@@ -845,7 +845,8 @@ static void measure(Rig *rig) {
     v[TRUE_THETA_RATE] = rig->rate[1];
     v[TRUE_ON_PLATE] = !rig->fallen;
 #if PATH_ROWS
-    memcpy(v + REFERENCE_X, PATH[rig->tick < PATH_ROWS ? rig->tick : PATH_ROWS - 1], sizeof *PATH);
+    double row = smaller(larger(0, rint(v[TIME] / PERIOD)), PATH_ROWS - 1);
+    memcpy(v + REFERENCE_X, PATH[(int)row], sizeof *PATH);
 #endif
 }
 
