@@ -13,8 +13,8 @@ ball comes from the touch screen by a line of its own, as on the rig.
 
 from __future__ import annotations
 
+import argparse
 import struct
-import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
@@ -203,6 +203,7 @@ PDOS = (
 CONTROL_WORDS = {0x40: 0x06, 0x21: 0x07, 0x23: 0x0F, 0x27: 0x0F}
 """What is to be commanded on the way to operation enabled, by the state in the status word."""
 OPERATION_ENABLED = 0x27
+ENABLED_WITHIN_S = 1.0
 
 
 def settings_of(node: int) -> Iterator[tuple[int, int, str, int]]:
@@ -313,6 +314,8 @@ def over_the_bus(files: dict[str, Path], periods: int) -> tuple[Array, Bus]:
             step += 1
 
     while not master.enabled:
+        if step * STEP_S > ENABLED_WITHIN_S:
+            raise RuntimeError(f"the drives are not enabled within {ENABLED_WITHIN_S:g} s")
         pass_steps(STEPS)
     for _ in range(periods):
         path.append(rig.get("true_x", "true_y", "reference_x", "reference_y"))
@@ -409,4 +412,7 @@ def main(folder: Path, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 10.0)
+    parser = argparse.ArgumentParser(description="A circle over a simulated CAN bus.")
+    parser.add_argument("folder", type=Path, help="where FMUs and trace are written")
+    parser.add_argument("seconds", type=float, nargs="?", default=10.0, help="simulated time")
+    main(**vars(parser.parse_args()))

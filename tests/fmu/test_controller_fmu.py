@@ -3,6 +3,7 @@
 A scenario's controller as an FMU: alone, with the rig's FMU, and as a law of the loop."""
 
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -102,6 +103,7 @@ def test_with_the_rig_it_is_the_run_of_the_twin(controllers, exported, fmi):
     assert np.ptp(expected[:, [0, 4]], axis=0).min() > 1e-4
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="libcosim is installed on Linux alone")
 def test_a_master_that_steps_both_at_once_gives_each_command_one_period_late(controllers, exported):
     """libcosim does: that is the run of a rig that acts on commands one period later."""
     from libcosimpy.CosimExecution import CosimExecution
@@ -285,6 +287,22 @@ def test_each_law_with_each_observer_and_the_rig_is_the_run_of_the_twin(tmp_path
     found = coupled(*(Unit(file) for file in files), 1500)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     assert np.ptp(expected[:, [0, 4]], axis=0).min() > 1e-3
+
+
+NARROW = {"rig.limits.rate_deg": 3.0, "rig.limits.acceleration": 0.5, "rig.limits.angle_deg": 1.0}
+
+
+@pytest.mark.long
+def test_at_the_limits_and_with_a_period_of_its_own_it_is_the_run_of_the_twin(tmp_path):
+    changes = settings(**SILENT, **NARROW) | {"rig.period": 0.001, "duration": 1.0}
+    scenario = exact("circle", **under(changes))
+    expected = followed(*assemble(scenario), scenario)
+    rig = Unit(bp.fmu("circle", tmp_path / "rig.fmu", changes), noise=False)
+    controller = Unit(bp.controller_fmu("circle", tmp_path / "controller.fmu", changes))
+    found = coupled(rig, controller, 1000, 0.001)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    # plate rates are in the columns 3 and 7
+    assert np.abs(np.diff(expected[:, [3, 7]], axis=0)).max() == pytest.approx(0.5 * 0.001)
 
 
 @pytest.mark.long

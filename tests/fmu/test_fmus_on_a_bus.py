@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from twin.cli import ballplate as command
 
-pytestmark = pytest.mark.long
 SCRIPT = Path(__file__).parents[2] / "examples" / "fmus_on_a_bus" / "circle.py"
 PERIODS = 1000
 
@@ -37,6 +36,7 @@ def on_bus(example, files):
     return example.over_the_bus(files, PERIODS)
 
 
+@pytest.mark.long
 def test_delay_and_counts_are_all_that_the_bus_changes(example, files, on_bus):
     known = {"late": True, "counted": True, "ramped": True}
     path, _ = on_bus
@@ -61,6 +61,7 @@ def lines(bus):
         yield time, frame, f"({time:.6f}) can0 {frame.cob_id:03X}#{frame.data.hex().upper()}\n"
 
 
+@pytest.mark.long
 def test_the_trace_of_the_bus_has_nothing_wrong_unless_frames_are_missing(on_bus, tmp_path):
     _, bus = on_bus
     code, line = checked(bus, tmp_path)
