@@ -6,7 +6,7 @@
 It exports the FMUs into FOLDER, lets the ball follow the circle over the bus, and compares that
 with the same rig and controller connected directly. FOLDER/bus.log has the frames.
 
-Node 1 is the drive of phi, node 2 that of theta (FMI-LS-BUS 1.0, low cut). A small CANopen master
+Node 1 is the drive of phi, node 2 the drive of theta (FMI-LS-BUS 1.0, low cut). A small CANopen master
 sets them up, sends them velocities and receives plate angles with every SYNC. The position of the
 ball comes from the touch screen by a line of its own, as on the rig.
 """
@@ -114,7 +114,7 @@ class DriveNode:
     @property
     def plate_angle(self) -> float:
         """The plate angle that the motor has turned to, rad."""
-        return PLATE_PER_MOTOR * self._fmu.getFloat64(self._at["angle"])[0]
+        return float(PLATE_PER_MOTOR * self._fmu.getFloat64(self._at["angle"])[0])
 
     def exchange(self, time: float, received: Sequence[Frame]) -> list[Frame]:
         """Receive frames at a time in s; the frames that are sent then; go on by one step."""
@@ -349,7 +349,7 @@ def connected_directly(
         periods: Number of control periods.
         late: Whether each command acts a period later.
         counted: Whether rates and angles go in the counts of the drives.
-        ramped: Whether a rate changes evenly in a step of the bus, as that of the drives does.
+        ramped: Whether a rate changes evenly within a step of the bus, as the drives do it.
     """
     rig, controller = Unit(files["rig"], noise=False), Unit(files["controller"])
     path, turned, before, newest = [], np.zeros(2), np.zeros(2), np.zeros(2)

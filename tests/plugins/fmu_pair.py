@@ -42,7 +42,7 @@ def coupled(rig, controller, periods, period=0.002):
 
     Args:
         rig: Its ``Unit``.
-        controller: That of its controller, which makes each step first.
+        controller: The ``Unit`` of its controller, which makes each step first.
         periods: Their number.
         period: Control period in s.
     """

@@ -6,7 +6,7 @@
 
 #include <stddef.h>
 
-#include "model.h" /* what it is of: Model, and what is done to it */
+#include "model.h" /* Model and its functions: the rig or a controller */
 
 enum Phase { MADE, BEGINNING, STEPPING, ENDED };
 
