@@ -6,7 +6,7 @@
 It exports the FMUs into FOLDER, lets the ball follow the circle over the bus, and compares that
 with the same rig and controller connected directly. FOLDER/bus.log has the frames.
 
-Node 1 is the drive of phi, node 2 the drive of theta (FMI-LS-BUS 1.0, low cut). A small CANopen master
+Node 1 is the drive of phi, node 2 the drive of theta (FMI-LS-BUS 1.0, low cut). A CANopen master
 sets them up, sends them velocities and receives plate angles with every SYNC. The position of the
 ball comes from the touch screen by a line of its own, as on the rig.
 """
