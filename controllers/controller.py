@@ -251,6 +251,7 @@ class Controller:
             self.reference,
             self.memory,
             self.plan,
+            measurement,
         )
         u = check_command(self.law, self.law.command(now), self.rate)
         self._remember(t, seen)
@@ -410,6 +411,16 @@ class _PartOf(Reference):
         return self._whole(t)[..., self._place, :]
 
 
+def _part_of(measurement: Measurement | None, place: Place) -> Measurement | None:
+    """Some rigs' part of a measurement."""
+    if measurement is None:
+        return None
+    t, y, age, touched, state = measurement
+    return Measurement(
+        t, y[place], age[place], touched[place], None if state is None else state[place]
+    )
+
+
 class PerRigLaw:
     """Laws side by side as one; rigs that share a law are calculated together.
 
@@ -466,6 +477,7 @@ class PerRigLaw:
                 _PartOf(now.reference, own),
                 now.memory[own, : law.memory],
                 plan,
+                _part_of(now.measurement, own),
             )
             u[own] = check_command(law, law.command(mine), mine.rate)
         return u

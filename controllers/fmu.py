@@ -30,6 +30,7 @@ FMU_INPUT_NAMES = (
     *(f"estimated_{each}" for each in STATE_COLUMNS),
     *(f"equivalent_{each}" for each in STATE_COLUMNS),
     *(f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"),
+    *("measured_x", "measured_phi", "measured_y", "measured_theta", "age", "touched"),
     *("applied_phi_rate", "applied_theta_rate"),
 )
 """Inputs that an FMU may have, by name; SI units."""
@@ -74,8 +75,19 @@ class FmuLaw(Law):
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
         path = (np.broadcast_to(r, now.rate.shape) for r in now.reference(now.time)[:3])
-        given = np.concatenate((now.x, now.equivalent, *path, now.rate), axis=-1)
+        given = np.concatenate(
+            (now.x, now.equivalent, *path, _measured_numbers(now), now.rate), axis=-1
+        )
         return now.plan.ask(now.time, given).reshape(now.rate.shape)
+
+
+def _measured_numbers(now: Feedback) -> Array:
+    """What a rig measured: x, phi, y, theta, age and touched, shape (..., 6)."""
+    seen = now.measurement
+    assert seen is not None, "a controller passes what was measured"
+    shape = now.rate.shape[:-1]
+    rest = (np.broadcast_to(each, shape)[..., np.newaxis] for each in (seen.age, seen.touched))
+    return np.concatenate((seen.y, *rest), axis=-1)
 
 
 class FmuProcess:
@@ -174,6 +186,29 @@ def _end(process: subprocess.Popen[bytes], folder: TemporaryDirectory[str]) -> N
     folder.cleanup()
 
 
+def _find_ports(known: dict[str, Any]) -> tuple[list[str], list[str], tuple[str, str]]:
+    """Names of the inputs that are numbers, of those that are flags, and of the two outputs.
+
+    Args:
+        known: The variables of an FMU by name.
+
+    Raises:
+        ValueError: If it has other inputs, or lacks the outputs: which there may be.
+    """
+    wanted = [each for each, variable in known.items() if variable.causality == "input"]
+    if unknown := [each for each in wanted if each not in FMU_INPUT_NAMES]:
+        raise ValueError(f"has the input {unknown[0]}; inputs may be {', '.join(FMU_INPUT_NAMES)}")
+    flags = [each for each in wanted if known[each].type == "Boolean"]
+    if flags not in ([], ["touched"]):
+        raise ValueError(f"has the Boolean input {flags[0]}; only touched may be one")
+    for pair in (RATE_OUTPUTS, ACCELERATION_OUTPUTS):
+        if known.keys() >= {*pair}:
+            return [each for each in wanted if each not in flags], flags, pair
+    raise ValueError(
+        f"must have the outputs {' and '.join(RATE_OUTPUTS)}, or {ACCELERATION_OUTPUTS}"
+    )
+
+
 def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
     """Have instances of an FMU, and answer with plate accelerations until nobody asks any more."""
     try:
@@ -184,16 +219,11 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
     known = {each.name: each for each in about.modelVariables}
     if about.coSimulation is None:
         raise ValueError("is not for co-simulation; export it as such")
-    wanted = [each for each, variable in known.items() if variable.causality == "input"]
-    if unknown := [each for each in wanted if each not in FMU_INPUT_NAMES]:
-        raise ValueError(f"has the input {unknown[0]}; inputs may be {', '.join(FMU_INPUT_NAMES)}")
-    given = [pair for pair in (RATE_OUTPUTS, ACCELERATION_OUTPUTS) if known.keys() >= {*pair}]
-    if not given:
-        raise ValueError(
-            f"must have the outputs {' and '.join(RATE_OUTPUTS)}, or {ACCELERATION_OUTPUTS}"
-        )
-    takes = [known[each].valueReference for each in wanted]
-    gives = [known[each].valueReference for each in given[0]]
+    numbers, flags, outputs = _find_ports(known)
+    takes, takes_flags, gives = (
+        [known[each].valueReference for each in names] for names in (numbers, flags, outputs)
+    )
+    places, touched = [*map(FMU_INPUT_NAMES.index, numbers)], FMU_INPUT_NAMES.index("touched")
     extract(file, folder)
     units = [instantiate_fmu(folder, about, "CoSimulation") for _ in range(rigs)]
     modern = about.fmiVersion.startswith("3")
@@ -206,9 +236,8 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
             begun = now
         due = max(step, round((now - begun) / period)) + 1
         answers = []
-        for unit, values in zip(
-            units, rows[:, [FMU_INPUT_NAMES.index(each) for each in wanted]].tolist(), strict=True
-        ):
+        for unit, row in zip(units, rows, strict=True):
+            values = row[places].tolist()
             put, get = (
                 (unit.setFloat64, unit.getFloat64) if modern else (unit.setReal, unit.getReal)
             )
@@ -220,10 +249,12 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
                 unit.exitInitializationMode()
             put(takes, values)
             for each in range(step, due):  # periods that were missed, too: its time is the loop's
+                if flags:  # in those nobody has looked
+                    unit.setBoolean(takes_flags, [bool(row[touched]) and each == due - 1])
                 unit.doStep(begun + each * period, period)
             answers.append(get(gives))
         u = np.array(answers, dtype=float)
-        if given[0] is RATE_OUTPUTS:
+        if outputs is RATE_OUTPUTS:
             u = (u - rows[:, -2:]) / period
         os.write(out, NUMBERS_MARK + u.tobytes())
         step = due

@@ -123,6 +123,8 @@ class Feedback(NamedTuple):
         reference: The path to follow; asked ahead with an array of times.
         memory: The law's memory q, shape (..., memory).
         plan: What the law's ``start`` returned.
+        measurement: What the rig measured now, for a law with an observer of its own; None where a
+            law is asked without a rig.
     """
 
     time: float
@@ -134,6 +136,7 @@ class Feedback(NamedTuple):
     reference: Reference
     memory: Array
     plan: Any = None
+    measurement: Measurement | None = None
 
     @property
     def clamped(self) -> Mask:

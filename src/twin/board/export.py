@@ -89,7 +89,8 @@ def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
     if not NAME_PATTERN.fullmatch(name) or name in RESERVED_NAMES:
         raise RecordError(f"{file}: names in C begin with the name: a-z, 0-9 and _, no keyword")
     texts = sources(name, scenario, real)
-    texts["reference_run.csv"] = reference_run(scenario)
+    run = reference_run(scenario, scenario.duration)
+    texts["reference_run.csv"] = run.to_csv(index=False, lineterminator="\n")
     folder = file.with_suffix("")
     for each, text in texts.items():
         write_whole(folder / each, text)
@@ -97,7 +98,38 @@ def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
 
 
 def sources(name: str, scenario: Scenario, real: str) -> dict[str, str]:
-    """The C source of a scenario's controller, by the names of its files.
+    """A scenario's controller in C with its test and README, by the names of their files.
+
+    Args:
+        name: What the names of files and functions begin with.
+        scenario: The scenario.
+        real: ``double`` or ``float``.
+
+    Raises:
+        ScenarioError: If the controller has no form in C.
+    """
+    given = controller_parts(name, scenario, real)
+    found = controller_sources(given)
+    found[f"test_{name}.c"] = _render("test.c.j2", real, given)
+    ring, states, memory = (given[each] for each in ("ring", "states", "memory"))
+    given |= {
+        "footprint": measure_footprint(name, found),
+        "ram_bytes": NUMBER_BYTES[real] * (states + memory + 4 + 2 * ring) + 8,
+        "ball_lost": BALL_LOST_AFTER_S,
+    }
+    return found | {"README.md": _render("README.md.j2", real, given)}
+
+
+def controller_sources(given: dict[str, Any]) -> dict[str, str]:
+    """C source and header of a controller, by name, from its ``controller_parts``."""
+    return {
+        f"{given['name']}.{end}": _render(f"controller.{end}.j2", given["real"], given)
+        for end in "ch"
+    }
+
+
+def controller_parts(name: str, scenario: Scenario, real: str) -> dict[str, Any]:
+    """What the templates need of a scenario's controller.
 
     Args:
         name: What the names of files and functions begin with.
@@ -120,7 +152,7 @@ def sources(name: str, scenario: Scenario, real: str) -> dict[str, str]:
     smith = observer if isinstance(observer, Smith) else None
     inner = observer if smith is None else smith.observer
     traced = trace(law, inner, build_limits(scenario), period, real)
-    given: dict[str, Any] = {
+    return {
         **traced._asdict(),
         "name": name,
         "guard": name.upper(),
@@ -137,18 +169,6 @@ def sources(name: str, scenario: Scenario, real: str) -> dict[str, str]:
         "reference_limit": f"{MAX_REFERENCE_DIFFERENCE[real]:g}",
         **reference_parts(scenario),
     }
-    found = {
-        f"{name}.c": _render("controller.c.j2", real, given),
-        f"{name}.h": _render("controller.h.j2", real, given),
-        f"test_{name}.c": _render("test.c.j2", real, given),
-    }
-    given |= {
-        "footprint": measure_footprint(name, found),
-        "ram_bytes": NUMBER_BYTES[real] * (traced.states + traced.memory + 4 + 2 * given["ring"])
-        + 8,
-        "ball_lost": BALL_LOST_AFTER_S,
-    }
-    return found | {"README.md": _render("README.md.j2", real, given)}
 
 
 def reference_parts(scenario: Scenario) -> dict[str, Any]:
@@ -205,8 +225,13 @@ RUN_COLUMNS = (
 """Columns of a reference run: measurement, reference and its derivatives, commanded plate rates."""
 
 
-def reference_run(scenario: Scenario) -> str:
-    """A run of the twin under the scenario's own controller, as CSV with ``RUN_COLUMNS``, SI."""
+def reference_run(scenario: Scenario, duration: float) -> pd.DataFrame:
+    """A run of the twin under the scenario's own controller: ``RUN_COLUMNS``, SI, a row a period.
+
+    Args:
+        scenario: The scenario.
+        duration: Longest time in s.
+    """
     rig, controller = assemble(scenario, unseen=True)
     rows = list[Array]()
     with own_errors(), rig:
@@ -215,7 +240,7 @@ def reference_run(scenario: Scenario) -> str:
         rig.supervisor.angle = measured.y[:, 1::2].copy()
         controller.start(measured)
         rig.start()
-        for _ in range(round(scenario.duration / rig.period)):
+        for _ in range(round(duration / rig.period)):
             step = controller.command(measured)
             applied = rig.write(step.rate)
             controller.applied(applied)
@@ -229,4 +254,4 @@ def reference_run(scenario: Scenario) -> str:
             measured = rig.read()
             if not rig.supervisor.all_running:
                 break
-    return pd.DataFrame(rows, columns=RUN_COLUMNS).to_csv(index=False, lineterminator="\n")
+    return pd.DataFrame(rows, columns=RUN_COLUMNS)

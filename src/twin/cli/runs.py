@@ -519,10 +519,14 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option("--seconds", type=float, help="How long it lasts, s [as long as the run did].")
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
-@click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
+@click.option("--fmi", type=click.Choice(["2", "3"]), help="Of an .fmu: version of FMI [2].")
 @click.option(
-    "--reference", "reference_output", is_flag=True, help="Of a rig: its reference is an output."
+    "--reference",
+    "reference_output",
+    is_flag=True,
+    help="Of an .fmu: the reference is an output of the rig, or inputs of the controller.",
 )
+@click.option("--controller", is_flag=True, help="Of an .fmu: the controller, not the rig.")
 @click.option("--bus", is_flag=True, help="A drive, akd, as a node of a simulated CAN bus.")
 @click.option(
     "--real", type=click.Choice(("double", "float")), help="Of a controller in C [double]."
@@ -539,6 +543,7 @@ def export(
     beside: tuple[Path, ...],
     fmi: str | None,
     reference_output: bool,
+    controller: bool,
     bus: bool,
     real: str | None,
     overrides: tuple[str, ...],
@@ -552,14 +557,19 @@ def export(
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
     ballplate export circle rig.fmu --fmi 3 --set plant.friction.rolling_mm=0.1
 
+    Or its controller, which drives that rig:
+    ballplate export circle controller.fmu --controller
+
     Or a drive, as a node of a simulated CAN bus (FMI 3.0 with FMI-LS-BUS 1.0):
     ballplate export akd drive.fmu --bus
 
     Or a scenario's controller, as a folder of C source for a board, here controller/:
     ballplate export circle controller.c --real float
     """
-    if real and file.suffix != ".c":
-        raise RecordError(f"{file}: --real is of a controller in C: .c")
+    if controller and (bus or file.suffix != ".fmu"):
+        raise RecordError(f"{file}: --controller is of a scenario's controller as an FMU: .fmu")
+    if real and file.suffix != ".c" and not controller:
+        raise RecordError(f"{file}: --real is of a controller in C: .c, or .fmu with --controller")
     given = {name: value for name, value in cut.items() if value is not None}
     of_picture, of_rig = beside or given, fmi or reference_output
     if bus:
@@ -569,28 +579,16 @@ def export(
 
         say(f"written to {drive_fmu(str(run), file, reporter=TERMINAL)}")
         return 0
-    if file.suffix == ".fmu":
+    if file.suffix in {".fmu", ".c"}:
         if of_picture:
             raise RecordError(
-                f"{file}: of an .fmu there are the options --fmi, --reference, --on and --set only"
+                f"{file}: of an .fmu there are the options --fmi, --reference, --controller, "
+                "--real, --on and --set only, of a .c --real, --on and --set"
             )
-        from ballplate.rigs import fmu
-
-        made = fmu(
-            run, file, overrides, fmi=int(fmi or 2), wished=reference_output, reporter=TERMINAL
+        number = int(fmi) if fmi else None
+        return _export_scenario(
+            run, file, overrides, number, real, reference_output, controller=controller
         )
-        say(f"written to {made}")
-        return 0
-    if file.suffix == ".c":
-        if of_picture or of_rig:
-            raise RecordError(
-                f"{file}: of a controller in C there are the options --real, --on and --set only"
-            )
-        from ballplate.rigs import controller_source
-
-        made = controller_source(run, file, overrides, real=real or "double")
-        say(f"written to {made}/")
-        return 0
     if of_rig or overrides:
         raise RecordError(f"{file}: --fmi, --reference, --on, --set are of a scenario's rig: .fmu")
     from ballplate.comparing import label_runs
@@ -613,6 +611,33 @@ def export(
     first.label, first.beside = name, dict(others)
     first.export(file, **given, reporter=TERMINAL)
     say(f"written to {file}{'' if file.suffix else '/'}")
+    return 0
+
+
+def _export_scenario(
+    name: Path,
+    file: Path,
+    overrides: tuple[str, ...],
+    fmi: int | None,
+    real: str | None,
+    reference: bool,
+    *,
+    controller: bool,
+) -> int:
+    """Export a scenario's rig or controller as an FMU, or its controller as C source."""
+    from ballplate.rigs import controller_fmu, controller_source, fmu
+
+    kind: dict[str, Any] = {"fmi": fmi or 2, "reporter": TERMINAL}
+    real = real or "double"
+    if file.suffix == ".c":
+        if fmi or reference:
+            raise RecordError(f"{file}: --fmi and --reference are of an .fmu")
+        say(f"written to {controller_source(name, file, overrides, real=real)}/")
+    elif controller:
+        kind |= {"real": real, "reference_inputs": reference}
+        say(f"written to {controller_fmu(name, file, overrides, **kind)}")
+    else:
+        say(f"written to {fmu(name, file, overrides, wished=reference, **kind)}")
     return 0
 
 
