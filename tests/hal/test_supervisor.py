@@ -204,6 +204,19 @@ def test_a_ball_faster_than_the_limit_makes_the_rig_hold(speed, state):
     assert supervisor.state[0] == state
 
 
+def test_where_the_ball_was_before_the_rig_was_switched_off_says_nothing_of_its_speed():
+    supervisor = running()
+    for _ in range(25):
+        supervisor.watch(np.array([[0.1, 0.0, 0.0, 0.0]]), np.array([True]))
+    supervisor.handle(Event.SWITCH_OFF)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((1, 2)))
+    supervisor.handle(Event.START)
+    for _ in range(60):
+        supervisor.watch(np.array([[-0.1, 0.0, 0.0, 0.0]]), np.array([True]))
+    assert supervisor.notes == []
+
+
 @settings(max_examples=60)
 @given(WISHES, st.integers(1, 40))
 def test_whatever_is_requested_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):

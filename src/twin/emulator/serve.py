@@ -62,6 +62,10 @@ RARE = 1e-8
 """Share of a screen's frames before which more are missing than a host is told to bear with."""
 
 
+NOTICED_S = 0.01
+"""Time in s within which a host notices a frame that has arrived."""
+
+
 class Wiring(NamedTuple):
     """How motors and plate encoders are joined to the drives, and motors to the plate.
 
@@ -178,9 +182,10 @@ class EmulatedPlant:
         screen = from_scenarios(TouchModel, [self._scenario])
         if not screen.frame_rate:
             return 0.0
+        frame = 1 / float(screen.frame_rate)
         missing = math.ceil(math.log(RARE) / math.log(screen.lost)) if screen.lost else 0
-        jitter = min(3 * float(screen.jitter), 0.5 / float(screen.frame_rate))
-        return (1 + missing) / float(screen.frame_rate) + 2 * jitter
+        early = min(3 * float(screen.jitter), frame / 2) + 3 * float(screen.spread)
+        return (1 + missing) * frame + 2 * early + NOTICED_S
 
     def attach(self, drives: Sequence[Turning]) -> None:
         """Let the drives, phi then theta, move the plant and read its encoders."""
