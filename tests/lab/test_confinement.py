@@ -8,6 +8,7 @@ import os
 import re
 import socket
 import struct
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -284,6 +285,35 @@ def test_the_filter_decides_call_by_call(machine: str, program: bool) -> None:
         assert decided(numbers[at], me + 1) == eperm
     fcntl = confinement.FCNTL[at]
     assert [decided(fcntl, 0, what) for what in (1, 8, 15, 3)] == [allow, eperm, eperm, allow]
+
+
+@LINUX
+def test_a_place_that_is_a_file_can_be_read_and_no_other(tmp_path: Path) -> None:
+    for name in ("given", "other"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "own").mkdir()
+    program = """
+import sys
+from twin.lab.confinement import shut_in
+if not shut_in([sys.argv[1]]):
+    sys.exit(3)
+print(open(sys.argv[1]).read())
+try:
+    open(sys.argv[2])
+except PermissionError:
+    print("refused")
+"""
+    files = [str(tmp_path / name) for name in ("given", "other")]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *files],
+        cwd=tmp_path / "own",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == 3:
+        pytest.skip("this kernel has no Landlock")
+    assert done.stdout.split() == ["given", "refused"]
 
 
 SO_ATTACH_FILTER = 26
