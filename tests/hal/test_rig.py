@@ -128,7 +128,7 @@ def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("kind", ["lagrange", "emulated", OWN[0]])
+@pytest.mark.parametrize("kind", ["lagrange", OWN[0]])
 def test_leaving_the_rig_levels_both_axes_though_one_is_level(kind, axis, scenario):
     rig = build(kind, scenario)
     with rig:
