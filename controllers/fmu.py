@@ -1,7 +1,7 @@
 """A law that is an FMU, as Simulink and other tools export one: in a process of its own.
 
-Run by its path this file is that process: it is told numbers on standard input and answers on what
-was its standard output.
+Run by its path this file is that process: it reads numbers from standard input and answers on the
+file that was its standard output.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from weakref import finalize
 import numpy as np
 
 from controllers.arrays import Array, Positive
-from controllers.catalog import EXECUTES, AnswerError
+from controllers.catalog import EXECUTION_LOG, AnswerError
 from controllers.interfaces import Feedback, Law, Reference
 
 STATE_COLUMNS = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
@@ -32,23 +32,23 @@ FMU_INPUT_NAMES = (
     *(f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"),
     *("applied_phi_rate", "applied_theta_rate"),
 )
-"""What an FMU may ask for, by the name of its inputs; SI units."""
+"""Inputs that an FMU may have, by name; SI units."""
 RATE_OUTPUTS, ACCELERATION_OUTPUTS = (
     ("rate_phi", "rate_theta"),
     ("requested_phi_acc", "requested_theta_acc"),
 )
 """The outputs that it may have: plate rates in rad/s, or plate accelerations in rad/s^2."""
-START_TIMEOUT_S = 30.0
+FMU_START_TIMEOUT_S = 30.0
 """Seconds in which the process must be there."""
 NUMBERS_MARK, ERROR_MARK = b"=", b"!"
-"""What begins an answer, and what begins the line that says why there is none."""
+"""First byte of an answer, and first byte of the error message that replaces one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FmuLaw(Law):
     """A controller as an FMU for co-simulation, FMI 2.0 or 3.0, driven by FMPy (extra ``fmi``).
 
-    It is stepped once in a control period, and what it then says is the command of that period.
+    It is stepped once in a control period; its output is the command of that period.
 
     Raises:
         ValueError: If there is no such file.
@@ -82,7 +82,7 @@ class FmuProcess:
     """The process that has an FMU, ended when nobody needs it any more.
 
     Args:
-        law: Says which, and how long it may take.
+        law: Has the file, and the longest time it may take.
         rigs: How many instances it makes.
         period: Of the law, s.
 
@@ -94,7 +94,7 @@ class FmuProcess:
         self._law = law
         folder = TemporaryDirectory(prefix="ballplate-fmu-", ignore_cleanup_errors=True)
         file = str(Path(law.file).resolve())
-        EXECUTES.info("runs the machine code in %s, a controller as an FMU", file)
+        EXECUTION_LOG.info("runs the machine code in %s, a controller as an FMU", file)
         self._process = subprocess.Popen(
             [sys.executable, "-I", __file__, file, folder.name, str(rigs), repr(period)],
             stdin=subprocess.PIPE,
@@ -106,7 +106,7 @@ class FmuProcess:
         self._reader.start()
         self._asked = False
         finalize(self, _end, self._process, folder)
-        self._hear(START_TIMEOUT_S)
+        self._hear(FMU_START_TIMEOUT_S)
 
     def ask(self, time: float, given: Array) -> Array:
         """The answer to what ``INPUTS`` has, shape (..., len(INPUTS)), at a time in s.
@@ -115,7 +115,7 @@ class FmuProcess:
             AnswerError: If there is none within the time, or it is no number.
         """
         assert self._process.stdin is not None
-        with suppress(OSError):  # it has ended: what it said last is still to be read
+        with suppress(OSError):  # it has ended: its last output is still to be read
             if not self._asked:
                 self._asked = True
                 self._keep_up()
@@ -145,20 +145,20 @@ class FmuProcess:
 
     def _hear(self, seconds: float) -> bytes:
         try:
-            said = self._answers.get(timeout=seconds)
+            answer = self._answers.get(timeout=seconds)
         except Empty:
             self._process.kill()
             raise self._failed(f"gave no answer within {seconds:g} s") from None
-        if said[:1] != NUMBERS_MARK:
-            raise self._failed(said[1:].decode(errors="replace").strip() or "its process ended")
-        return said[1:]
+        if answer[:1] != NUMBERS_MARK:
+            raise self._failed(answer[1:].decode(errors="replace").strip() or "its process ended")
+        return answer[1:]
 
     def _failed(self, why: str) -> AnswerError:
         return AnswerError(f"controller.file {self._law.file}: {why}")
 
 
 def _read(pipe: Any, size: int, answers: SimpleQueue[bytes]) -> None:
-    """Read what a process says until it ends."""
+    """Queue the output of a process until it ends."""
     with pipe:
         while (first := pipe.read(1)) == NUMBERS_MARK:
             answers.put(first + pipe.read(size))

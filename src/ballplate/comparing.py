@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from twin.scenario.schema import Dimensions, Scenario
 
 
-LONGEST_NAME = 60
+MAX_NAME_LETTERS = 60
 """Most letters of a variant's name: it stands in legends, tables and folders."""
 Label = TypeVar("Label")
 Found = TypeVar("Found")
@@ -171,7 +171,7 @@ class Comparison(Mapping[str, "Result"]):
 
 
 def _folders_of(names: Mapping[str, str]) -> dict[str, str]:
-    """The folder of each run within that of the comparison, by label.
+    """The folder of each run within the folder of the comparison, by label.
 
     Args:
         names: What tables and pictures call each run, by label.
@@ -217,8 +217,8 @@ def compare(
 
     ``compare("circle", variants={"PID": {"controller.kind": "pid"}, "LQR": {"controller.kind":
     "lqr"}})`` runs these two, under their names; ``vary={"controller.kind": ["afl", "lqr"]}`` all
-    combinations of values. Finished runs are shown as they are, logs over what the twin predicts
-    for the first scenario. The order is that of the sources.
+    combinations of values. Finished runs are shown as they are, logs over the twin's prediction
+    for the first scenario. They are in the order of the sources.
 
     Args:
         sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or
@@ -273,10 +273,7 @@ def compare(
             f"{what}: give one of them; the names of variants hold for one run each"
         )
     found = open_runs(folders, tell=report.warn) if folders else []
-    results = [each for each in sources if not isinstance(each, str | Path)]
-    for each in results:
-        if not isinstance(each, Result):
-            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    results = _results_among(sources)
     opened = [*map(Result.from_run, found), *results]
     recorded, fitted = runs_of_logs(logs, names, opened, base, (columns, separator), report.warn)
     shown = [*map(Result.from_run, recorded), *opened]
@@ -307,6 +304,21 @@ def compare(
     if folder is not None:
         done.draw(folder)
     return done
+
+
+def _results_among(sources: Sequence[str | Path | Result]) -> list[Result]:
+    """The sources that are results already, in their order.
+
+    Raises:
+        ScenarioError: If a source is neither a name or file nor a result.
+    """
+    from ballplate.results import Result
+
+    results = [each for each in sources if not isinstance(each, str | Path)]
+    for each in results:
+        if not isinstance(each, Result):
+            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    return results
 
 
 def _run_cases(
@@ -487,8 +499,8 @@ def variants_of(
     found: dict[str, list[KeyChange]] = {}
     for given, settings in pairs:
         name = given.strip()
-        if not name or len(name) > LONGEST_NAME or not name.isprintable():
-            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {LONGEST_NAME} letters")
+        if not name or len(name) > MAX_NAME_LETTERS or not name.isprintable():
+            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {MAX_NAME_LETTERS} letters")
         if name in found:
             raise ScenarioError(f"{what} '{name}': two variants have this name")
         try:

@@ -1,4 +1,4 @@
-"""Who receives progress and warnings, and how results show themselves in a notebook."""
+"""Receivers of progress and warnings, and the display of results in a notebook."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Reporter:
         """A line about a run on a rig: its timing, or, weightier, what was detected."""
 
     def name_of(self, argument: str) -> str:
-        """What an argument is called where messages are read."""
+        """Name of an argument in messages to the user."""
         return argument
 
 

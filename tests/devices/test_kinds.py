@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twin.base.errors import ScenarioError
-from twin.devices.kinds import DEFAULT_KINDS, SHIPPED, find_kind
+from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, find_kind
 from twin.run.connect import connect
 from twin.scenario import load
 from twin.scenario.rig import RigFile, check_rig, read_rig
@@ -129,7 +129,7 @@ def test_a_file_that_names_no_kind_has_akd_drives_and_a_lumio_screen():
     assert own.fingerprint == "cd4274d964deccce"
     slow = check_rig({"drives": {"shaft_lag": 0.1}, "touch": TOUCH}, "rig.toml")
     assert slow.fingerprint != file.fingerprint
-    assert set(SHIPPED) == {"drives", "touch"}
+    assert set(SHIPPED_KINDS) == {"drives", "touch"}
 
 
 @pytest.mark.parametrize(

@@ -544,7 +544,7 @@ def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
         assert by_ruler["verdict"] == "given"
         assert by_ruler["value"] == pytest.approx(lever, rel=1e-6)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "Held as it was told, not fitted: lever (x), lever (y)." in page
+    assert "Held at its given value, not fitted: lever (x), lever (y)." in page
 
 
 def test_a_lever_that_is_told_is_as_far_off_as_a_ruler_whatever_the_log_prefers():
@@ -724,7 +724,7 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     found, told = of_axis(replace(log, tilt=other), ("friction",))
     assert told["gain_x"].word == NOT_IDENTIFIABLE
     assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
-    assert not any("tell the command times" in each for each in sentences(found))
+    assert not any("give the command times" in each for each in sentences(found))
     assert any("no factor on the command is advised" in each for each in sentences(found))
 
 
@@ -754,7 +754,7 @@ def test_no_factor_is_advised_of_a_gain_that_is_not_identified(gain):
 def test_the_factor_that_is_advised_of_an_identified_gain_has_its_interval():
     said = _describe_gain("y", gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1), 0.714)
     share = [-each / (0.714 * 9.81) for each in (1.9, 2.1, 1.7)]
-    assert "tell the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
+    assert "give the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
     near = _describe_gain("x", gain_of(IDENTIFIED_VERDICT, 7.0, 6.8, 7.2), 0.714)
     assert "tell the command" not in near
 

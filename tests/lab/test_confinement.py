@@ -18,7 +18,7 @@ import pytest
 
 from twin.base.errors import LawError
 from twin.lab import confinement
-from twin.lab.confinement import AUDIT_ARCH, REFUSED, filter_of
+from twin.lab.confinement import AUDIT_ARCH, REFUSED_CALLS, filter_of
 from twin.lab.process import AnswerLimits, answering
 from twin.lab.schema import AnswerTable
 
@@ -28,7 +28,7 @@ HELD = LINUX and pytest.mark.skipif(
     reason="no table of system calls of this machine",
 )
 AT = [*AUDIT_ARCH].index(os.uname().machine) if os.uname().machine in AUDIT_ARCH else 0
-NUMBERS = {name: numbers[AT] for name, numbers in REFUSED.items() if numbers[AT] is not None}
+NUMBERS = {name: numbers[AT] for name, numbers in REFUSED_CALLS.items() if numbers[AT] is not None}
 NUMBERS |= {
     name: numbers[AT]
     for name, numbers in {
@@ -36,7 +36,7 @@ NUMBERS |= {
         **confinement.OWN_OR_ZERO,
         "clone": confinement.CLONE,
         "clone3": confinement.CLONE3,
-        "execve": confinement.EXECVE,
+        "execve": confinement.EXECVE_NUMBERS,
         "fcntl": confinement.FCNTL,
     }.items()
 }
@@ -222,12 +222,12 @@ def headers() -> Iterator[Any]:
 def known_calls() -> dict[str, Any]:
     """The numbers of all system calls that are named, on either machine."""
     return {
-        **REFUSED,
+        **REFUSED_CALLS,
         **confinement.OWN_PROCESS_ONLY,
         **confinement.OWN_OR_ZERO,
         "clone": confinement.CLONE,
         "clone3": confinement.CLONE3,
-        "execve": confinement.EXECVE,
+        "execve": confinement.EXECVE_NUMBERS,
         "fcntl": confinement.FCNTL,
         "seccomp": tuple(confinement.SYS_SECCOMP.values()),
     }
@@ -259,7 +259,7 @@ def test_the_filter_decides_call_by_call(machine: str, program: bool) -> None:
     def decided(call: int, *given: int) -> int:
         return run_filter(steps, call, arch, *given)
 
-    for numbers in REFUSED.values():
+    for numbers in REFUSED_CALLS.values():
         if numbers[at] is not None:
             assert decided(numbers[at]) == eperm
     reads, writes, mmap, futex = {
@@ -268,7 +268,7 @@ def test_the_filter_decides_call_by_call(machine: str, program: bool) -> None:
     for call in (reads, writes, mmap, futex):
         assert decided(call) == allow
         assert run_filter(steps, call, other) == eperm
-    assert decided(confinement.EXECVE[at]) == (allow if program else eperm)
+    assert decided(confinement.EXECVE_NUMBERS[at]) == (allow if program else eperm)
     thread, process, users = 0x3D0F00, 0x11, 0x10000000
     clone = confinement.CLONE[at]
     assert decided(clone, thread) == allow

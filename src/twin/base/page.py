@@ -37,7 +37,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a result says, in sentences.
+    """The statement of a result, in sentences.
 
     Attributes:
         lines: The sentences.
@@ -81,7 +81,7 @@ class Picture:
     """A picture.
 
     Attributes:
-        title: Above it, or what it shows.
+        title: Title above it.
         content: A figure, a PNG, or SVG that was made of a figure.
         note: Below it.
     """

@@ -1,4 +1,4 @@
-"""What may be set: every key with its type, unit, range, default and meaning.
+"""Describes every key that may be set, with its type, unit, range, default and meaning.
 
 Types, ranges and defaults come from the models that check a scenario, meanings from the docstrings
 of the dataclasses and models with the fields that the keys set; nothing is written a second time.
@@ -142,7 +142,9 @@ def about(kind: str) -> str:
         cls = choices(table).get(kind.rpartition(".")[2])
         if cls is not None:
             text = str(parse_from_object(cls).short_description or "")
-            return "" if text.startswith(f"{cls.__name__}(") else text  # a dataclass says that
+            return (
+                "" if text.startswith(f"{cls.__name__}(") else text
+            )  # the default docstring of a dataclass
     return ""
 
 
@@ -238,7 +240,7 @@ def _properties(model: type[BaseModel]) -> dict[str, Any]:
 
 @cache
 def meanings(cls: type) -> dict[str, str]:
-    """What the fields of a dataclass or model mean, by their names."""
+    """Meaning of the fields of a dataclass or model, by their names."""
     return {
         item.args[1]: " ".join((item.description or "").split())
         for source in reversed(cls.__mro__)

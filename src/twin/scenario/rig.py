@@ -1,4 +1,4 @@
-"""What a rig file may say: bus, drives, touch screen, limits; checked like a scenario.
+"""Form of a rig file: bus, drives, touch screen, limits; checked like a scenario.
 
 The tables ``[drives]`` and ``[touch]`` have the keys of their kind (`devices/kinds.py`).
 """
@@ -20,7 +20,7 @@ from twin.base.errors import ScenarioError
 from twin.base.validation import read_tables
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, DriveSettings
 from twin.devices.common import wider
-from twin.devices.kinds import DEFAULT_KINDS, SHIPPED, Found, Role, find_kind
+from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, Found, Role, find_kind
 from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own import OwnConfig
 from twin.scenario.load import Tables, validate
@@ -60,7 +60,7 @@ class RigFile(Section):
     backend: str | None = None
     own: OwnConfig = OwnConfig()
     kinds: ClassVar[Mapping[Role, Found]] = {
-        role: Found(name, SHIPPED[role][name]) for role, name in DEFAULT_KINDS.items()
+        role: Found(name, SHIPPED_KINDS[role][name]) for role, name in DEFAULT_KINDS.items()
     }
     """What the devices are, where there is no backend."""
 

@@ -113,7 +113,7 @@ def test_a_single_wrong_velocity_stops_under_its_own_name(rig):
 
 @pytest.mark.parametrize("every", [0.005, 0.02, 0.05])
 def test_heartbeats_of_a_second_node_with_the_id_are_found(rig, every):
-    rig.bus.beside.append((Frame(0x701, b"\5"), every))
+    rig.bus.foreign_frames.append((Frame(0x701, b"\5"), every))
     begin = rig.bus.time
     seen = rig.run(0.4, turn)
     first = seen[0]
@@ -125,7 +125,7 @@ def test_heartbeats_of_a_second_node_with_the_id_are_found(rig, every):
 @pytest.mark.parametrize("node", [0x702, 0x703, 0x77E])
 def test_heartbeats_of_nodes_that_are_not_watched_or_of_the_other_s_own_are_no_fault(rig, node):
     if node != 0x702:
-        rig.bus.beside.append((Frame(node, b"\5"), 0.02))
+        rig.bus.foreign_frames.append((Frame(node, b"\5"), 0.02))
     assert rig.run(0.6, turn) == []
 
 
@@ -151,7 +151,7 @@ def test_a_heartbeat_of_another_node_that_is_not_operational_is_no_fault_of_this
     rig.bus.from_other(Frame(0x701, bytes((state,))))
     (found, *_) = rig.run(0.05, turn)
     assert found.condition is c.DUPLICATE_ID
-    assert "while another with its id runs" in found.detail
+    assert "while a second one with its id runs" in found.detail
 
 
 @pytest.mark.parametrize(("nmt", "condition"), [(4, c.NMT_LEFT), (127, c.NMT_LEFT)])

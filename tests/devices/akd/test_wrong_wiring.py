@@ -9,10 +9,10 @@ import pytest
 
 from twin.devices.akd.conditions import CONTRADICTION
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.rig import SLOW, UNCHECKED
+from twin.devices.rig import FIRST_MOTION_RATE_RAD_S, UNCHECKED
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig, MotionTrace
-from twin.emulator.serve import STOP, EmulatedPlant
+from twin.emulator.serve import STOP_MARGIN_RAD, EmulatedPlant
 from twin.hal.agreement import DRIVES_EXCHANGED, EXCHANGED, OPPOSITE, WRONG_RATIO
 from twin.hal.interface import Severity
 from twin.hal.supervisor import Event, State
@@ -170,7 +170,7 @@ def test_a_plate_stops_at_its_mechanical_stop_and_its_motor_with_it(scenario):
     plant, drives = EmulatedPlant(scenario(*PLANT)), [EmulatedDrive(1), EmulatedDrive(2)]
     plant.attach(drives)
     stop = plant.stop
-    assert stop == pytest.approx(np.radians(10.0) + STOP)
+    assert stop == pytest.approx(np.radians(10.0) + STOP_MARGIN_RAD)
     for _ in range(500):
         drives[0].motor.rate, drives[1].motor.rate = 1.0, -1.0
         plant.advance(0.001)
@@ -196,7 +196,7 @@ def test_the_first_motion_of_a_rig_that_nobody_has_checked_is_slow_until_it_is_p
             rig.wait()
     noted = [each.note.text for each in rig.journal if each.note.condition is UNCHECKED]
     assert noted == ([f"rig file: first motion slow: {unchecked}"] if unchecked else [])
-    proven = next(k for k, rate in enumerate(rates) if rate > SLOW + 1e-9)
+    proven = next(k for k, rate in enumerate(rates) if rate > FIRST_MOTION_RATE_RAD_S + 1e-9)
     angle = rig.period * sum(rates[:proven])
     if unchecked:
         assert angle == pytest.approx(np.radians(2.0), rel=0.1)
@@ -243,6 +243,6 @@ def test_an_axis_that_never_turns_keeps_the_first_motion_slow_for_three_seconds(
             way = 0.5 if tick // 50 % 4 in {0, 3} else -0.5
             fastest.append(abs(rig.write(np.array([[way, 0.0]]))[0, 0]))
             rig.wait()
-    assert max(fastest[:1499]) <= SLOW + 1e-9
-    assert max(fastest[1510:]) > 1.5 * SLOW
+    assert max(fastest[:1499]) <= FIRST_MOTION_RATE_RAD_S + 1e-9
+    assert max(fastest[1510:]) > 1.5 * FIRST_MOTION_RATE_RAD_S
     assert Severity.STOP not in {each.note.condition.severity for each in rig.journal}

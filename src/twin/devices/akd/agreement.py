@@ -1,4 +1,4 @@
-"""Whether what a drive says agrees with what else it says: velocity with position, heartbeats.
+"""Checks whether a drive's data agree with each other: velocity with position, heartbeats.
 
 A wrong byte that passes every check of its own, as a bit of a velocity turned over, shows only
 where the same motion is counted twice.
