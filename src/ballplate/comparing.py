@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
 from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
-from ballplate.reporter import Reporter, default, overview, showable, writable
+from ballplate.reporter import (
+    Reporter,
+    check_processes,
+    default,
+    overview,
+    showable,
+    writable,
+)
 from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_of_path
 from twin.base.errors import LawError, ScenarioError
 from twin.base.shipped import find
@@ -248,6 +255,7 @@ def compare(
     given = [str(source) for source in sources if isinstance(source, str | Path)]
     names, folders, logs = sorted_out(given, of_any_rig=columns is not None)
     report = reporter or default()
+    check_processes(processes, report)
     if vary and not names:
         what = report.name_of("vary")
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")

@@ -17,7 +17,7 @@ from ballplate.reporter import Reporter, default
 from ballplate.results import Result
 from controllers.arrays import Array
 from controllers.interfaces import Measurement, Reference
-from twin.base.errors import RecordError, TwinError, extra
+from twin.base.errors import RecordError, ScenarioError, TwinError, extra
 from twin.base.shipped import find
 from twin.run.assemble import PLANTS, assemble
 from twin.run.loop import RunMonitor, record_and_wait
@@ -310,7 +310,17 @@ def fmu(
         True
     """
     path = _check_ending(file)
-    find(str(scenario))
+    try:
+        find(str(scenario))
+    except ScenarioError as error:
+        from twin.fmu.bus_node import DRIVE_KINDS
+
+        if str(scenario) not in DRIVE_KINDS:
+            raise
+        raise ScenarioError(
+            f"'{scenario}' is a drive, not a scenario; to export it: "
+            f"ballplate export {scenario} {path} --bus"
+        ) from error
     given = [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})]
     chosen = scenario_of(scenario, given)
     still = NO_NOISE | ({"plant.servo.vibration": 0} if chosen.plant.servo.vibration_wander else {})

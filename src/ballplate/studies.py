@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.comparing import carried_out, cases_of
-from ballplate.reporter import Reporter, default, png, showable, writable
+from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
 from twin.base.errors import LawError, ScenarioError, nearest
 from twin.base.page import Picture, Table, Text, fragment
 from twin.base.shipped import find
@@ -234,6 +234,7 @@ def sweep(
     if not varied:
         raise ScenarioError("vary: name at least one key")
     report = reporter or default()
+    check_processes(processes, report)
     title = scenario_of(scenario, base, titled=False).title
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
     folder = writable(out, report)
@@ -406,6 +407,7 @@ def study(
     from twin.study.report import answers
 
     report = reporter or default()
+    check_processes(processes, report)
     work = work_of(name if isinstance(name, Mapping) else str(name), keys)
     folder = writable(out, report)
     store = Store(folder)

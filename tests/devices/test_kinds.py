@@ -125,6 +125,10 @@ def test_a_file_that_names_no_kind_has_akd_drives_and_a_lumio_screen():
     assert {role: each.name for role, each in file.kinds.items()} == DEFAULT_KINDS
     named = check_rig({"drives": {"kind": "akd"}, "touch": {"kind": "lumio", **TOUCH}}, "rig.toml")
     assert named.fingerprint == file.fingerprint == "81f590199d32a4ef"  # as before there were kinds
+    own = check_rig({"backend": "no_file.py:A"}, "rig.toml")
+    assert own.fingerprint == "cd4274d964deccce"
+    slow = check_rig({"drives": {"shaft_lag": 0.1}, "touch": TOUCH}, "rig.toml")
+    assert slow.fingerprint != file.fingerprint
     assert set(SHIPPED_KINDS) == {"drives", "touch"}
 
 

@@ -127,6 +127,29 @@ def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
     assert np.abs(true_plate(rig)).max() < np.radians(0.1)
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("kind", ["lagrange", OWN[0]])
+def test_leaving_the_rig_levels_both_axes_though_one_is_level(kind, axis, scenario):
+    rig = build(kind, scenario)
+    with rig:
+        rig.start()
+        turn(rig, both(rig, 0.1) * (np.arange(2) == axis), 100)
+    assert np.abs(true_plate(rig)).max() < np.radians(0.1)
+
+
+def test_a_rig_that_is_left_without_levelling_stands_still(scenario):
+    rig = build("lagrange", scenario)
+    rig.levelling_s = 0.0
+    with rig:
+        rig.start()
+        turn(rig, both(rig, 0.1), 50)
+    left = true_plate(rig).copy()
+    assert np.abs(left).min() > np.radians(0.2)
+    for _ in range(20):
+        rig.wait()
+    assert true_plate(rig) == pytest.approx(left, abs=1e-3)
+
+
 @pytest.mark.parametrize("rate", [-0.3, 0.3])
 def test_a_plate_that_passes_its_level_as_the_rig_is_left_is_brought_to_rest_there(rig, rate):
     with rig:

@@ -225,6 +225,27 @@ def test_a_column_that_is_missing_or_wrong_is_named_with_what_would_do(tmp_path,
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("noise", "at", "says"),
+    [
+        (0.0, 0.03, "does not move: it stays within 0 m of one place"),
+        (0.0, 0.0, "does not move: it stays within 0 m of one place"),
+        (2e-4, 0.03, "does not move"),
+        (2e-4, 0.0, "the ball hardly moves, or tell the unit"),
+    ],
+)
+def test_of_a_ball_that_never_moves_no_other_unit_is_advised(tmp_path, noise, at, says):
+    time = 0.01 * np.arange(500)
+    place = at + noise * np.random.default_rng(0).standard_normal(500)
+    table = np.column_stack([time, place, 0.05 * np.sin(3 * time)])
+    file = tmp_path / "still.csv"
+    np.savetxt(file, table, delimiter=",", header="t,x,u", comments="")
+    columns = wanted_columns("time=t:s,measured_x=x:m,command_phi=u:rad")
+    with pytest.raises(LogError, match=says) as caught:
+        read_any(file, columns)
+    assert ("tell the unit" in str(caught.value)) == ("unit" in says)
+
+
 def test_a_unit_may_have_a_factor_and_a_ball_is_a_name_or_a_share():
     assert unit_factor("0.24deg", "rad") == pytest.approx(np.radians(0.24))
     assert unit_factor("5e-4", "m") == 5e-4

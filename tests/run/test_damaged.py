@@ -117,6 +117,27 @@ def test_records_without_a_checksum_are_read(made, tmp_path):
     assert "incomplete" not in found[2]
 
 
+@pytest.mark.parametrize("changed", [False, True])
+def test_bytes_that_are_read_as_numbers_of_another_type_do_not_match(made, tmp_path, changed):
+    with pq.ParquetFile(made[0]) as parquet:
+        table, seal = parquet.read(), parquet.metadata.metadata[CHECKSUM_KEY]
+    if changed:
+        at = table.schema.get_field_index("true_x")
+        field = table.schema.field(at)
+        values = pa.array(table["true_x"].to_numpy().view(np.int64))
+        whole = pa.field(field.name, pa.int64(), metadata=field.metadata)
+        table = table.set_column(at, whole, values)
+    file = tmp_path / "run.parquet"
+    with pq.ParquetWriter(file, table.schema, use_dictionary=False) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({CHECKSUM_KEY: seal})
+    if changed:
+        with pytest.raises(RecordError, match="checksum"):
+            read_run(file)
+    else:
+        assert np.array_equal(read_run(file)[0]["true_x"], made[2]["true_x"])
+
+
 def flat(names, rows):
     """A table that packs into nothing: every value the same."""
     values = pa.chunked_array([pa.repeat(0.0, rows)])

@@ -375,7 +375,11 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
 @click.option("--out", type=options.PATH_TYPE, help="Also write the events there, a CSV file.")
 @click.option("--all", "everything", is_flag=True, help="Also what nodes sent, values and events.")
-@click.option("--check", is_flag=True, help="Exit with 1 if a problem is unresolved at the end.")
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Exit with 1 if a problem is unresolved at the end, or no node is heard.",
+)
 @click.option("--touch", type=options.PATH_TYPE, help="The data of the touch screen, a CSV file.")
 @click.option(
     "--log", type=options.PATH_TYPE, help="With --rig and --touch: write a log there, .csv."
@@ -404,7 +408,7 @@ def trace(
     --replay sends the host's frames to emulated drives, and reports different answers.
     """
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
-    from twin.devices.akd.findings import Severity, assess
+    from twin.devices.akd.findings import assess
     from twin.devices.akd.traces import read_trace
 
     if log is not None and (rig is None or touch is None):
@@ -455,7 +459,7 @@ def trace(
     else:
         shown.append(dim("more: --all for what each node sent, values and events"))
     show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
-    return int(check and verdict.worst is Severity.UNRESOLVED)
+    return int(check and not verdict.good)
 
 
 def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:

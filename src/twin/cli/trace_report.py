@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from twin.devices.akd.findings import Verdict
 
 SEVERITY_COLOURS = {"unresolved": "bold red", "recovered": "bold yellow", "warning": "yellow"}
-"""Colours of severities; a trace without findings is green."""
+"""Colours of severities; a trace without findings is green, without any node yellow."""
 
 
 def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Text | str]:
@@ -26,9 +26,9 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
         timed: Whether the trace has times; else frames stand in their place.
     """
     worst = verdict.worst
-    yield Text(
-        printable(verdict.headline), style=SEVERITY_COLOURS[worst] if worst else "bold green"
-    )
+    otherwise = "bold green" if verdict.heard else "bold yellow"
+    style = SEVERITY_COLOURS[worst] if worst else otherwise
+    yield Text(printable(verdict.headline), style=style)
     yield f"{heading}; {verdict.count}" if verdict.count else heading
     located = zip(verdict.findings, verdict.places, strict=True)
     for number, (finding, place) in enumerate(located, 1):

@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.recording import Hear, TracedBus
 from twin.devices.akd.servos import AkdServos
-from twin.devices.lumio.config import LumioConfig, ScreenError, Transport
+from twin.devices.lumio.config import HID_PANELS, LumioConfig, ScreenError, Transport
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
@@ -288,7 +288,11 @@ class LockstepRig(HardwareRig):
         self.now, self.sleep = self.lockstep.adapter.now, self.lockstep.adapter.sleep
         """Bus time in s; lets some s of it pass."""
         self.line = plant.screen_line(plant.ball, protocol)
-        self.touch = touch or LumioConfig(port="emulated", protocol=str(protocol))
+        self.touch = touch or LumioConfig(
+            port="emulated",
+            transport="hidraw" if protocol in HID_PANELS else "serial",
+            protocol=str(protocol),
+        )
         self.port = LockstepScreenPort(self.line, self.now)
         screen: PoweredScreen = LockstepScreen(self.touch, self.now, port=self.port)
         if other_screen is not None:

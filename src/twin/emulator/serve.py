@@ -5,6 +5,7 @@ It serves in a process of its own, which comes before every ordinary one.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
@@ -55,6 +56,14 @@ STOP_MARGIN_RAD = float(np.radians(5.0))
 """How far beyond the limit of its angle a plate meets its mechanical stop, rad; assumed.
 
 The stops of the rig, at 10 deg (thesis, chapter 3), would hide what the host does."""
+
+
+RARE = 1e-8
+"""Share of a screen's frames before which more are missing than a host is told to bear with."""
+
+
+NOTICED_S = 0.01
+"""Time in s within which a host notices a frame that has arrived."""
 
 
 class Wiring(NamedTuple):
@@ -159,6 +168,24 @@ class EmulatedPlant:
         plate = np.full((1, 2), servo.deadband + servo.resolution)
         turn = self.transmission.motor(plate) - self.transmission.motor(0 * plate)
         return float(np.abs(turn).max())
+
+    @property
+    def shaft_lag(self) -> float:
+        """Time constant in s with which its shafts follow the drives' velocities."""
+        servo = from_scenarios(DriveModel, [self._scenario])
+        lag = 1 / (2 * np.pi * float(servo.bandwidth)) if servo.bandwidth else 0.0
+        return float(servo.dead_time) + lag
+
+    @property
+    def longest_gap(self) -> float:
+        """Longest time in s from one frame of its screen to the next, as good as always."""
+        screen = from_scenarios(TouchModel, [self._scenario])
+        if not screen.frame_rate:
+            return 0.0
+        frame = 1 / float(screen.frame_rate)
+        missing = math.ceil(math.log(RARE) / math.log(screen.lost)) if screen.lost else 0
+        early = min(3 * float(screen.jitter), frame / 2) + 3 * float(screen.spread)
+        return (1 + missing) * frame + 2 * early + NOTICED_S
 
     def attach(self, drives: Sequence[Turning]) -> None:
         """Let the drives, phi then theta, move the plant and read its encoders."""
@@ -295,6 +322,9 @@ class VirtualRig(VirtualBus):
             protocol=self.line.protocol,
             travel=min(0.005 + self.plant.kept_back, 0.1),  # its default, and the most it may be
             lost=min(0.6 + float(np.degrees(self.plant.lost)), 5.0),
+            shaft_lag=min(self.plant.shaft_lag, 0.5),
+            stale=min(max(0.06, self.plant.longest_gap), 1.0),
+            gone=min(max(0.1, self.plant.longest_gap + 0.04), 1.0),
         )
 
     def tables(self) -> Tables:

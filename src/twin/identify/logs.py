@@ -243,6 +243,8 @@ BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
 BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 
 
+MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
+"""Distance in m from the middle of its positions that a ball on a plate comes to."""
 MAX_COMMAND_GAP_S = 0.5
 """Time in s without a row over which nothing is known of the command."""
 FEW_ODD_ROWS = 0.02
@@ -842,11 +844,21 @@ def _clean_log(
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
-    far = float(np.nanpercentile(np.abs(ball - np.nanmedian(ball, axis=0)), 99))
-    if not 1e-3 < far < 3.0:
+    middle = np.nanmedian(ball, axis=0)
+    far = float(np.nanpercentile(np.abs(ball - middle), 99))
+    # on a plate, and hardly moved from there: no other unit makes a moving ball of it
+    resting = far < MIN_MOTION_M < np.abs(middle).max() < MAX_MOTION_M
+    if far == 0 or resting:
+        raise LogError(
+            f"{source}: the ball does not move: it stays within {far:.3g} m of one place, and must "
+            f"roll for {MIN_MOTION_M:g} m at least"
+        )
+    if not MIN_MOTION_M < far < MAX_MOTION_M:
+        either = "the ball hardly moves, or " if far <= MIN_MOTION_M else ""
         raise LogError(
             f"{source}: the ball's positions lie within {far:.3g} m of their middle, a plate's "
-            "within 0.001 to 3 m: tell the unit, as measured_x=NAME:mm"
+            f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}tell the unit, as "
+            "measured_x=NAME:mm"
         )
     seen &= np.isfinite(ball).all(axis=-1)
     false = _find_false_samples(ball, seen)

@@ -67,8 +67,8 @@ class States:
         return not self.all or time > self.all[-1].time + SNAPSHOT_INTERVAL_S - 1e-9
 
     def keep(self, state: Kept) -> None:
-        """Take one in; of two at one moment the later one counts."""
-        if self.all and abs(self.all[-1].time - state.time) < 1e-9:
+        """Take one in; of two at one moment the later one counts, but the first one stays."""
+        if len(self.all) > 1 and abs(self.all[-1].time - state.time) < 1e-9:
             self.all.pop()
         self.all.append(state)
         del self.all[1:-MAX_SNAPSHOTS]
@@ -217,6 +217,8 @@ class Ghost:
 
 MAX_DRIVEN_S = 1800.0
 """Longest time in s that can be driven: its record is kept in memory."""
+MAX_PUSH_M_S = 3.0
+"""Largest push along an axis, m/s: as far as the page can be dragged."""
 
 
 @dataclass(frozen=True)
@@ -271,8 +273,9 @@ class Driven:
         return replace(self, goals=goals)
 
     def push(self, time: float, x_rate: float, y_rate: float) -> Driven:
-        """With one more push; change of the ball's velocity in m/s."""
-        return replace(self, pushes=(*self.pushes, (time, x_rate, y_rate)))
+        """With one more push: change of the ball's velocity in m/s, at most `MAX_PUSH_M_S`."""
+        x, y = np.clip((x_rate, y_rate), -MAX_PUSH_M_S, MAX_PUSH_M_S).tolist()
+        return replace(self, pushes=(*self.pushes, (time, x, y)))
 
     def settings(self, time: float, values: Mapping[str, Any]) -> Driven:
         """With new values of keys from a time in s on.

@@ -294,6 +294,7 @@ class Session:
                 self._both.follow(self.driven.reference)
             case Push(x_rate, y_rate):
                 self.driven = self.driven.push(time, x_rate, y_rate)
+                _, x_rate, y_rate = self.driven.pushes[-1]
                 self._both.push(x_rate, y_rate)
                 self._keep(measurement)
                 self._note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")

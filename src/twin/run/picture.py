@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import textwrap
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from io import BytesIO
 from numbers import Real
 from pathlib import Path
@@ -17,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, Rectangle
@@ -121,10 +124,42 @@ def style(index: int) -> dict[str, Any]:
     return {"color": RUN_COLOURS[index % len(RUN_COLOURS)], "linestyle": LINE_STYLES[again]}
 
 
+NO_GLYPH = "\N{WHITE SQUARE}"
+"""Stands for a character that no font has."""
+NO_GLYPH_WARNING = (
+    f"pictures: no font in use has some of the characters, {NO_GLYPH} stands for them; "
+    "name a font that has them in a matplotlibrc, as font.family: sans-serif, Noto Sans CJK SC"
+)
+
+
 def literal(text: str) -> str:
-    """A text that somebody chose, as matplotlib shows it as it is: no formula, and in a legend."""
+    """A text that somebody chose, as matplotlib shows it as it is: no formula, and in a legend.
+
+    What no font in use has becomes `NO_GLYPH`, with one warning in all.
+    """
+    if not text.isascii():
+        known = _characters(tuple(mpl.rcParams["font.family"]))
+        shown = "".join(c if ord(c) in known or c.isspace() else NO_GLYPH for c in text)
+        if shown != text:
+            _warn_of_glyphs()
+        text = shown
     plain = text.replace("$", r"\$")
     return f" {plain}" if plain.startswith("_") else plain
+
+
+@cache  # however many pictures there are
+def _warn_of_glyphs() -> None:
+    warnings.warn(NO_GLYPH_WARNING, stacklevel=3)
+
+
+@cache
+def _characters(families: tuple[str, ...]) -> frozenset[int]:
+    """Code points that fonts of these families have, plain and bold."""
+    found: list[set[int]] = []
+    for weight in ("normal", "bold"):
+        fonts = [FontProperties(family=[each], weight=weight) for each in families]
+        found.append({code for font in fonts for code in get_font(findfont(font)).get_charmap()})
+    return frozenset(found[0] & found[1])
 
 
 @contextmanager

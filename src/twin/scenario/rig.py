@@ -113,6 +113,8 @@ class RigFile(Section):
         A kind that is no default is part of it, with the version of the package that it is from.
         """
         every = self.model_dump(mode="json", exclude={"title", "patience"})
+        if isinstance(self.drives, DriveSettings) and not self.drives.shaft_lag:
+            del every["drives"]["shaft_lag"]  # hashes of files without it are kept as they were
         others = {role: (its.name, its.package) for role, its in self.kinds.items()}
         if [its.name for its in self.kinds.values()] != list(DEFAULT_KINDS.values()):
             every["kinds"] = others

@@ -386,9 +386,9 @@ def _draw_curves(study: Study, found: Sequence[Answer]) -> Figure:
                 if answer.curves:
                     label = literal(answer.variant) if number == 0 else None
                     _draw_curve(panel, answer.curves[number], label, k)
-            panel.set(xlabel=parameter_label(study, curve.key))
+            panel.set(xlabel=literal(parameter_label(study, curve.key)))
             if curve.where:
-                panel.set_title(where_label(study, curve.where), fontsize=9)
+                panel.set_title(literal(where_label(study, curve.where)), fontsize=9)
         # from 0 on, unless the metric can be negative
         least = min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
         panels[0].set(ylabel=metric_label(study), ylim=(least, None))
@@ -428,7 +428,7 @@ def _draw_scatter(study: Study, found: Sequence[Answer]) -> Figure:
                 if failed.any():
                     foot = np.zeros(failed.sum())
                     panel.plot(x[failed], foot, "x", color=FAILED_COLOUR, ms=5, clip_on=False)
-            panel.set(xlabel=parameter_label(study, key))
+            panel.set(xlabel=literal(parameter_label(study, key)))
         for panel in panels[:, 0]:
             panel.set(ylabel=metric_label(study))
         if any(answer.whole.failed for answer in found):

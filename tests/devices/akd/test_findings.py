@@ -856,6 +856,15 @@ def test_check_ends_with_1_if_a_problem_is_unresolved(tmp_path, capsys, status, 
     assert called(capsys, "trace", file)[0] == 0
 
 
+def test_check_ends_with_1_if_no_node_is_heard(tmp_path, capsys):
+    with closing(TraceWriter(tmp_path / "a.log", "can0")) as writer:
+        writer.write([each for each in HEALTHY if each.arbitration_id == 0x80])
+    assert called(capsys, "trace", tmp_path / "a.log")[0] == 0
+    code, out, _ = called(capsys, "trace", tmp_path / "a.log", "--check")
+    assert code == 1
+    assert "no CANopen node heard" in out
+
+
 def test_what_happened_comes_first_then_each_problem_and_tables_only_by_all(tmp_path, capsys):
     with closing(TraceWriter(tmp_path / "a.log", "can0")) as writer:
         writer.write(sorted([*STUCK, BLOCKED], key=lambda each: each.timestamp))
@@ -872,7 +881,12 @@ def test_what_happened_comes_first_then_each_problem_and_tables_only_by_all(tmp_
 
 
 @pytest.mark.parametrize(
-    ("frames", "style"), [(drive((0, FAULT), end=1.0), "bold red"), (HEALTHY, "bold green")]
+    ("frames", "style"),
+    [
+        (drive((0, FAULT), end=1.0), "bold red"),
+        (HEALTHY, "bold green"),
+        ([each for each in HEALTHY if each.arbitration_id == 0x80], "bold yellow"),
+    ],
 )
 def test_the_colour_of_the_first_line_is_that_of_the_worst(frames, style):
     first = next(iter(verdict_lines(assessed(*frames), "a trace", timed=True)))

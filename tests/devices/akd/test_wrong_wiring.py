@@ -209,6 +209,35 @@ def test_the_first_motion_of_a_rig_that_nobody_has_checked_is_slow_until_it_is_p
     assert rates[-1] == pytest.approx(0.3)
 
 
+def test_a_disagreement_takes_the_torque_of_both_drives_while_the_host_goes_on(scenario):
+    rig = LockstepRig(scenario(*PLANT), config=configured(0.002, 0, plate_sign=-1))
+    after = 0
+    with rig:
+        rig.start()
+        while after < 25:  # 50 ms, and the host's heartbeat goes on
+            rig.read()
+            rig.write(np.array([[0.5, -0.3]]))
+            rig.wait()
+            after += rig.supervisor.state[0] == State.FAULT
+            assert rig.now() < 5
+        assert not any(drive.power.live for drive in rig.lockstep.drives)
+
+
+def test_motors_and_plate_are_compared_anew_by_another_transmission(scenario):
+    rig = LockstepRig(scenario(*PLANT))
+    with rig:
+        rig.start()
+        for _ in range(200):
+            rig.read()
+            rig.write(np.array([[0.2, -0.2]]))
+            rig.wait()
+        assert rig._motors.proven
+        rig.replace_transmission(rig.plant.transmission)
+        assert not rig._motors.proven
+        rig.read()
+    assert Severity.STOP not in {each.note.condition.severity for each in rig.journal}
+
+
 def test_an_axis_that_never_turns_keeps_the_first_motion_slow_for_three_seconds(scenario):
     rig = LockstepRig(scenario(*PLANT, "duration=4"))
     rig.unchecked = "never checked"

@@ -190,7 +190,9 @@ class Axis:
         self.heartbeat = at
         """Time in s at which the last heartbeat arrived."""
         self._beats = HeartbeatCount(drives.heartbeat)
-        self._agreement = MotionAgreement(_MAX_DISAGREEMENT_TRAVELS * limits.travel)
+        self._agreement = MotionAgreement(
+            _MAX_DISAGREEMENT_TRAVELS * limits.travel, drives.shaft_lag
+        )
         self._heard: tuple[int, int] | None = None
         """NMT state of a heartbeat that is not operational, and the cycles since with both PDOs."""
         self.found_faults: tuple[int, ...] = ()

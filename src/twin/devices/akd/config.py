@@ -177,6 +177,8 @@ class DriveSettings(Ranged):
             model: the hardest motion takes 2.8 (L).
         motor_torque: The motors' continuous torque, N m, compared with what the drives know;
             datasheet of the C041A (M).
+        shaft_lag: Time constant in s with which a shaft follows the velocity that its drive
+            reports, as of an emulated servo; 0 for a drive that measures it.
         watch: Thresholds.
     """
 
@@ -189,6 +191,7 @@ class DriveSettings(Ranged):
     ramp: float = range_field(2000.0, 50, 1e5, **_UNCONFIRMED_METADATA)
     torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED_METADATA)
     motor_torque: float = range_field(4.57, 0.1, 50, **_UNCONFIRMED_METADATA)
+    shaft_lag: float = net(0.0, 0, 0.5)
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
 

@@ -58,6 +58,7 @@ class Verdict:
         counts: How many problems there are of each severity.
         load: Of the bus within the busiest tenth of a second, bit/s, stuffed as badly as can be;
             None without times.
+        heard: Whether any CANopen node is heard.
     """
 
     findings: tuple[Finding, ...]
@@ -65,6 +66,12 @@ class Verdict:
     places: tuple[str, ...]
     counts: dict[Severity, int]
     load: float | None
+    heard: bool
+
+    @property
+    def good(self) -> bool:
+        """Whether a node is heard, and no problem is unresolved."""
+        return self.heard and self.worst is not Severity.UNRESOLVED
 
     @property
     def worst(self) -> Severity | None:
@@ -101,7 +108,7 @@ def assess(trace: Conversation, remarks: Sequence[str] = ()) -> Verdict:
     load = bus.busiest(trace)[1] if trace.timed else None
     places = tuple(where(trace, each) for each in findings)
     headline = _headline(trace, findings, counts, load)
-    return Verdict(tuple(findings), headline, places, counts, load)
+    return Verdict(tuple(findings), headline, places, counts, load, bool(trace.nodes))
 
 
 def where(trace: Conversation, finding: Finding) -> str:
