@@ -100,8 +100,8 @@ class VaryingGain:
     """K(t) for one run, laid sweep by sweep.
 
     Args:
-        law: Whose gains.
-        motion: The motion they are about.
+        law: The law with the weights of the gains.
+        motion: The motion about which the plant is linearised.
         reference: The path along which the plant is linearised.
         period: Control period in s.
     """
@@ -131,7 +131,7 @@ class VaryingGain:
         return self._laid[knot - self._begin]
 
     def _turn(self) -> None:
-        """Take the gains of the next sweep, and begin another."""
+        """Take the gains of the finished sweep, and begin the next one."""
         while self._left:
             self._step()
         self._laid = self._next
@@ -166,7 +166,7 @@ MAX_SOLVER_ITERATIONS = 100
 """Iterations of the solver, to bound its time; three times what references far beyond the limits
 were seen to take."""
 SOFT_CONSTRAINT = 8
-"""How the solver is told that a constraint may be broken where nothing keeps it."""
+"""Flag of the solver for a soft constraint, which may be broken if the others leave no choice."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,9 +184,9 @@ class Predictive(AboutMotion):
     regulator's, v = -K z, whatever N (Rawlings and Mayne 2009, "Model predictive control", chapters
     1 and 2). That answer is worked out first: where it breaks no limit it is the best, and no
     quadratic program is solved. The others are solved by the dual active set of DAQP (Arnstrom,
-    Bemporad and Axehill 2022), axis by axis, in ``MOST`` iterations: where they do not do, or there
-    is no answer, the inputs that the last one had for the steps to come are gone on with, within
-    the limit of acceleration. The period of the program is ``step``; between, v is held.
+    Bemporad and Axehill 2022), axis by axis, in ``MOST`` iterations: where they do not suffice, or
+    there is no solution, the previous solution's inputs for the coming steps are used, within the
+    limit of acceleration. The period of the program is ``step``; between, v is held.
 
     Good at jumps and references beyond the limits, of which it asks no more than the drives can do;
     away from limits it is LQR with preview, and its slow period costs margin.
@@ -214,7 +214,7 @@ class Predictive(AboutMotion):
     """Limit of its acceleration, rad/s^2."""
 
     A: Array = field(init=False, repr=False, compare=False)
-    """Of a step of an axis, shape (4, 4)."""
+    """State matrix of a step of an axis, shape (4, 4)."""
     B: Array = field(init=False, repr=False, compare=False)
     """Of a held input, shape (4,)."""
     P: Array = field(init=False, repr=False, compare=False)
@@ -261,7 +261,7 @@ class Program:
     """The quadratic program of one axis over the horizon.
 
     Args:
-        law: Whose weights and limits.
+        law: The law with the weights and limits.
     """
 
     def __init__(self, law: Predictive) -> None:
@@ -319,7 +319,7 @@ class Horizon:
     """The motion over the horizon ahead, and the input held since the last step, of one run.
 
     Args:
-        law: Whose.
+        law: The predictive law, with its horizon and limits.
         motion: The motion of ball and plate.
         period: Control period in s.
     """
@@ -402,8 +402,8 @@ class InternalModel(Law):
     What the flat model of the first terms leaves out is among what disturbs.
 
     Good at a circle of known frequency without a model of friction; bad at jumps, which it
-    remembers, at rest, where it pushes a ball that sticks until it leaps, and on rigs whose dead
-    time or drives differ.
+    remembers, at rest, where it pushes a ball that sticks until it leaps, and on rigs with a
+    different dead time or different drives.
 
     The memory is integrated by Euler's rule once a control period T, as every law's: an oscillator
     then grows by w^2 T / 2 in a second, which the loop holds.
@@ -489,9 +489,9 @@ class IterativeLearning(AboutMotion):
     where Eh are the harmonics of the error r - x over the lap that has ended. The plate's motion
     for c is the stable inverse of each harmonic, a = (c'' / k1) / (1 + (h w / Z)^2), and the
     feedback is about both. A loop that follows r + c with the transfer T leaves |1 - gain T| of a
-    lap's repeating error. What has been learnt comes in over ``fade`` on a lap that is not learnt
-    from, nor is one whose reference did not repeat the lap before: the start, a jump and a path
-    without laps teach nothing.
+    lap's repeating error. What has been learnt comes in over ``fade`` on a lap from which nothing
+    is learnt. Nothing is learnt either from a lap with a reference unlike the lap before: the
+    start, a jump and a path without laps.
 
     Good at whatever repeats, friction and uneven surface too, without a model of it; bad at what
     does not: it needs minutes of laps, knows one path, and learns the noise of the last laps.
@@ -579,7 +579,7 @@ class Laps:
         self._sum, self._count, self._lap = np.zeros_like(self._sum), 0, lap
 
     def _repeated(self) -> Array:
-        """1 for rigs whose reference repeated the lap before, shape (..., 1)."""
+        """1 for rigs with a reference that repeated the lap before, else 0, shape (..., 1)."""
         length = 2 * math.pi / self._law.omega
         times = np.linspace(0, length, LAP_CHECK_INSTANTS, endpoint=False) + self._lap * length
         change = np.abs(self._reference(times)[0] - self._reference(times - length)[0]).max(axis=0)

@@ -49,8 +49,8 @@ def slow_observer(law: ControlLaw, observer: Observer) -> str | None:
     if slowest <= controlled:
         return None
     return (
-        f"observer is slower than the loop it serves: its slowest pole is {slowest:g} 1/s, that of "
-        f"the controlled system {controlled:.3g} 1/s; (7.3) wants the observer faster"
+        f"observer is slower than the loop it serves: its slowest pole is {slowest:g} 1/s, the "
+        f"controlled system's is {controlled:.3g} 1/s; (7.3) wants the observer faster"
     )
 
 
@@ -101,7 +101,7 @@ def tracking_law(law: ControlLaw) -> System:
 
 
 def _answer_to(law: ControlLaw, reference: Reference) -> Array:
-    """(u, memory rate) of a law at rest on the centre that is asked for another path."""
+    """(u, memory rate) of a law at rest at the centre when the reference is ``reference``."""
     x, q = np.zeros((1, 8)), np.zeros((1, law.memory))
     u, slope = law.control(0.0, x, reference, q), law.memory_rate(0.0, x, reference, q)
     return np.concatenate([u, slope], axis=-1)[0]
@@ -122,12 +122,12 @@ def _law_jacobian(law: ControlLaw, step: float) -> Array:
 def linear_controller(law: ControlLaw, observer: Observer) -> System:
     """Law and observer at the control period, from the measurement y, shape (4,), to u.
 
-    A Smith predictor around the observer is taken in. An observer whose gain varies, the EKF, has
-    the one it starts with.
+    A Smith predictor around the observer is included. An observer with a varying gain, the EKF,
+    has its initial gain.
 
     Raises:
-        ValueError: If the law has no linearisation, or the observer keeps what it remembers
-            elsewhere than in arrays of its own.
+        ValueError: If the law has no linearisation, or the observer keeps its memory elsewhere than
+            in arrays of its own.
     """
     linear_law(law)
     if isinstance(observer, Smith):
@@ -220,7 +220,7 @@ def _measurement(y: Array) -> Measurement:
 
 
 def _with_predictor(tick: _Tick, delay: float) -> System:
-    """Close the loop of (7.19) around a tick: the ball's innovation is that of a dead time ago.
+    """Close the loop of (7.19) around a tick: the ball's innovation is as old as the dead time.
 
     The observer sees y + xbar - xhat[k - w], with the corrected estimates of the last w ticks kept
     and a straight line between two of them for a dead time that is no multiple of the period.
@@ -476,10 +476,10 @@ def instability(
 ) -> str | None:
     """One line with the poles outside the stable region, or None.
 
-    Of a ball that is seen late it also says how late the loop can bear it to be seen, to a period.
+    For a ball that is seen late, the line also has the longest stable dead time, to a period.
 
-    None as well for a law or observer without linearisation, about which nothing can be said. A
-    memory that moves neither plate nor ball, as an integrator with gain 0, is no part of the loop.
+    None as well for a law or observer without linearisation, where stability is unknown. A memory
+    that moves neither plate nor ball, as an integrator with gain 0, is no part of the loop.
 
     Args:
         law: Any law.

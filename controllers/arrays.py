@@ -51,7 +51,7 @@ def constant(value: Number) -> Array:
 
 
 def column(value: Number) -> Number:
-    """A number as it is, one per rig as a column, shape (N, 1), beside arrays (N, axes)."""
+    """A number as it is; one per rig as a column (N, 1), to combine with arrays (N, axes)."""
     if isinstance(value, np.ndarray) and value.ndim:
         return value[:, None] if len(value) > 1 else float(value[0])
     return value
@@ -83,7 +83,7 @@ def put(array: Array, rigs: NDArray[np.integer], values: Number) -> Array:
 
 
 class Arithmetic(NamedTuple):
-    """What one formula needs to hold for a plain number and for an array of rigs alike."""
+    """Arithmetic for one formula on a plain number and on an array of rigs alike."""
 
     sqrt: Callable[[Any], Any]
     where: Callable[[Any, Any, Any], Any]
@@ -104,7 +104,7 @@ NUMBER_ARITHMETIC = Arithmetic(
     lambda this, other: other if other < this else this,
     lambda this, other: other if other > this else this,
 )
-"""Of plain numbers, several times faster than numpy's for one rig."""
+"""Arithmetic of plain numbers, several times faster than numpy's for one rig."""
 ARRAY_ARITHMETIC = Arithmetic(np.sqrt, np.where, some, every, np.minimum, np.maximum)
 
 
@@ -116,7 +116,7 @@ def elementwise(
     Args:
         formula: What to calculate, from an arithmetic and a number of each array. It is given the
             arrays themselves for several rigs, numbers for one.
-        *arrays: What it is calculated from.
+        *arrays: The inputs of the calculation.
     """
     if len(arrays[0]) > 1:
         return formula(ARRAY_ARITHMETIC, *arrays)
@@ -140,10 +140,10 @@ def numbers(values: Array | Mask) -> Any:
 
 
 def multiply_rows(rows: Array, matrix: Array) -> Array:
-    """The product of each row with a matrix, to the bit what it is for this row alone.
+    """The product of each row with a matrix, with the same bits as for this row alone.
 
-    One product of all rows is rounded differently: BLAS adds a row's terms in another order when
-    it multiplies several at a time.
+    One product of all rows is rounded differently: BLAS adds a row's terms in a different order
+    when it multiplies several at a time.
 
     Args:
         rows: Shape (..., n); the vectors of N rigs.
@@ -173,7 +173,7 @@ NotNegative = Annotated[float, Ge(0)]
 Pair = float | tuple[float, float]
 """A number for both axes, or one for x and one for y."""
 
-_BOUNDS: dict[type, tuple[str, Callable[[Any, Any], bool], str]] = {
+_BOUND_MARKS: dict[type, tuple[str, Callable[[Any, Any], bool], str]] = {
     Gt: ("gt", operator.gt, "above {:g}"),
     Ge: ("ge", operator.ge, "{:g} or more"),
     Lt: ("lt", operator.lt, "below {:g}"),
@@ -189,7 +189,8 @@ def check(item: object) -> None:
     Numbers must be finite. Of other types than numbers, lists of them and words, all is taken.
 
     Raises:
-        ValueError: If one is not: which, what is allowed, and what it is.
+        ValueError: If a value is not allowed; the message has its name, the allowed range and the
+            value.
     """
     cls: Any = type(item)
     for name, hint in _hints(cls).items():
@@ -224,11 +225,11 @@ def _holds(hint: Any, value: Any) -> bool:
 
 
 def _words(hint: Any) -> str:
-    """What a type allows."""
+    """Describe the values that a type allows."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        said = [words.format(bound) for _, words, bound in _bounds(parts)]
-        return ", ".join([_words(parts[0]), *said])
+        bounds = [words.format(bound) for _, words, bound in _bounds(parts)]
+        return ", ".join([_words(parts[0]), *bounds])
     if origin in {typing.Union, UnionType}:
         return " or ".join(_words(part) for part in parts if part is not NoneType)
     if origin is tuple:
@@ -241,5 +242,5 @@ def _words(hint: Any) -> str:
 
 def _bounds(parts: Sequence[Any]) -> list[tuple[Callable[[Any, Any], bool], str, Any]]:
     """Whether a value keeps each bound of an annotated type, the bound in words, and itself."""
-    known = [(mark, *_BOUNDS[type(mark)]) for mark in parts[1:] if type(mark) in _BOUNDS]
+    known = [(mark, *_BOUND_MARKS[type(mark)]) for mark in parts[1:] if type(mark) in _BOUND_MARKS]
     return [(holds, words, getattr(mark, name)) for mark, name, holds, words in known]

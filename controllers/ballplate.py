@@ -1,7 +1,7 @@
 """The ball-and-plate model of laws: (5.9), its Jacobians (7.15), linear (5.35) and flat (6.44).
 
-(5.9) is what the thesis designs its laws on. It lacks a term of a ball that rolls, and its spin:
-``twin.sim.plant.exact`` has both, docs/claims.md says where they matter.
+The thesis designs its laws on (5.9). It lacks a term of a rolling ball, and the ball's spin:
+``twin.sim.plant.exact`` has both, and docs/claims.md shows where they matter.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BALL_ACCELERATIONS = [1, 5]
 TILT_SIGN = np.array((1.0, -1.0))
 """Sense in which a positive plate angle accelerates the ball along x and along y, (6.45)."""
 LONGEST_LAG = 0.03
-"""Largest lag of the drives in s that is found rather than told."""
+"""Largest lag of the drives in s that an observer estimates; a larger one must be given."""
 
 
 class LinearModel(NamedTuple):
@@ -52,7 +52,7 @@ class Chain(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class BallPlate:
-    """A ball rolling on a plate whose angular accelerations are the inputs.
+    """A ball rolling on a plate; the inputs are the plate's angular accelerations.
 
     The state is x = (x, x', phi, phi', y, y', theta, theta') (5.5) in m, m/s, rad, rad/s, in plate
     axes; the input u = (phi'', theta'') (5.8) in rad/s^2. The rotation from plate to world is
@@ -145,7 +145,7 @@ class BallPlate:
     def ball(self, x: Array, u: Array | None = None) -> Array:
         """The two rows that are the ball's own, x'' and y'', of (A, g, f), shape (..., 2, 11).
 
-        All other rows of Jacobian, input map and drift only integrate. A is that of ``jacobian``.
+        All other rows of Jacobian, input map and drift only integrate. A is as in ``jacobian``.
         """
         seen = _motion_terms(x)
         x1, x2, x5, x6, x8 = seen.x1, seen.x2, seen.x5, seen.x6, seen.x8
@@ -238,7 +238,7 @@ def stack_reference(r: Array) -> Array:
 
 
 class _Seen(NamedTuple):
-    """What the equations of motion are made of: numbers for one rig, arrays for several.
+    """Coefficients of the equations of motion: numbers for one rig, arrays for several.
 
     ``s3`` to ``c7`` are sines and cosines of phi and theta, ``wx`` to ``wz`` the plate's angular
     velocity (theta' cos phi, phi', theta' sin phi) in its own axes.
@@ -259,7 +259,7 @@ class _Seen(NamedTuple):
 
 
 def _motion_terms(x: Array) -> _Seen:
-    """What the equations of motion are made of, from the state.
+    """Coefficients of the equations of motion at a state.
 
     Python calculates with numbers several times faster than numpy with arrays of one, but raises
     where a state has grown beyond bounds and numpy goes on with infinities; that is left to numpy.

@@ -43,25 +43,25 @@ Kind = TypeVar("Kind", Law, Observer, Reference)
 _SETTING_TYPES = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))
 """What a scenario can hold."""
 
-ENTRY_POINT_GROUP = "ballplate.controllers"
+CONTROLLER_ENTRY_POINTS = "ballplate.controllers"
 LAWS_FOLDER = "laws"
-"""Folder of the working folder whose files are taken as well."""
-CLOSED = "BALLPLATE_LAWS_CLOSED"
+"""Folder of the working folder; laws in its files are part of the catalog."""
+LAWS_CLOSED_VARIABLE = "BALLPLATE_LAWS_CLOSED"
 """Environment variable that leaves the files of that folder alone, here and in child processes."""
-EXECUTES = logging.getLogger("ballplate.executes")
-"""Is told, before it is done, which files of others this program runs."""
+EXECUTION_LOG = logging.getLogger("ballplate.executes")
+"""Logs each file of other authors before this program runs it."""
 ADDED_FILES_VARIABLE = "BALLPLATE_LAWS"
 """Environment variable with the files that were added, so that child processes have them."""
 _registered: dict[str, type[Law | Observer | Reference]] = {}
 _looked: dict[bool, tuple[tuple[ModuleType, ...], tuple[str, ...]]] = {}
-"""What was found, without the folder of laws and with it."""
+"""Cached modules, without the folder of laws and with it."""
 _texts: dict[str, str] = {}
 """The source of a module that lies in no package, as it was when it was imported."""
 
 
 def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     """Every module of this package, then those of outside packages; a line for each broken one."""
-    closed = bool(os.environ.get(CLOSED))
+    closed = bool(os.environ.get(LAWS_CLOSED_VARIABLE))
     if closed not in _looked:
         _looked[closed] = _look()
     return _looked[closed]
@@ -74,7 +74,7 @@ def _look() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     # entry points of outside packages: what to call them, and how to import them
     outside = (
         (f"entry point '{e.name}' ({e.value})", e.load)
-        for e in entry_points(group=ENTRY_POINT_GROUP)
+        for e in entry_points(group=CONTROLLER_ENTRY_POINTS)
     )
     for place, load in chain(_own(controllers.__path__, "controllers."), outside, _files()):
         try:
@@ -136,9 +136,11 @@ def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
     added = [
         Path(text) for text in os.environ.get(ADDED_FILES_VARIABLE, "").split(os.pathsep) if text
     ]
-    own = [] if os.environ.get(CLOSED) else in_folder()
+    own = [] if os.environ.get(LAWS_CLOSED_VARIABLE) else in_folder()
     if own:
-        EXECUTES.info("runs what lies in %s: %s", own[0].parent, ", ".join(p.stem for p in own))
+        EXECUTION_LOG.info(
+            "runs what lies in %s: %s", own[0].parent, ", ".join(p.stem for p in own)
+        )
     for path in dict.fromkeys((*own, *added)):
         yield str(path), partial(import_file, path)
 
@@ -150,7 +152,7 @@ def in_folder() -> list[Path]:
 
 def left_alone() -> list[Path]:
     """The files of the folder of laws that a program which only reads does not run."""
-    return in_folder() if os.environ.get(CLOSED) else []
+    return in_folder() if os.environ.get(LAWS_CLOSED_VARIABLE) else []
 
 
 def import_file(path: Path) -> ModuleType:
@@ -158,15 +160,15 @@ def import_file(path: Path) -> ModuleType:
     name = f"{LAWS_FOLDER}_{path.stem}"
     if getattr(sys.modules.get(name), "__file__", str(path)) != str(path):
         name += (
-            f"_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"  # another file of this name
+            f"_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"  # a second file of this name
         )
     module = ModuleType(name)
     module.__file__ = str(path)
     sys.modules[name] = module
     try:
         _texts[name] = _text(path)
-        # not by its bytecode, which Python takes for that of a file of the same size, changed in
-        # the same second
+        # not by its bytecode: Python takes it for current if the file was changed within a second
+        # and kept its size
         exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), vars(module))
     except BaseException:
         del sys.modules[name]
@@ -206,7 +208,7 @@ def register(cls: type[Law | Observer | Reference]) -> None:
     Only this process knows it: its children cannot import it.
 
     Raises:
-        ValueError: If it is abstract, has no name, or its name is that of a class of the catalog.
+        ValueError: If it is abstract, has no name, or has the name of a class of the catalog.
     """
     if lacking := _lacking(cls):
         raise ValueError(f"{cls.__name__} lacks {lacking}")
@@ -231,7 +233,7 @@ def unregister(name: str) -> None:
 
 
 def _is_stale(cls: type) -> bool:
-    """Whether the file of a class that lies in no package is another than when it was imported."""
+    """Whether a class's file, outside any package, has changed since it was imported."""
     held, module = _texts.get(cls.__module__), sys.modules.get(cls.__module__)
     file = Path(getattr(module, "__file__", None) or "")
     return held is not None and file.is_file() and held != _text(file)
@@ -276,7 +278,7 @@ def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:
     """All concrete classes of a kind (Law, Observer or Reference) by their name."""
     found = {
         item.name: item
-        for item in _all_classes(os.environ.get(CLOSED, ""))
+        for item in _all_classes(os.environ.get(LAWS_CLOSED_VARIABLE, ""))
         if issubclass(item, kind)
     }
     return dict(sorted(found.items()))
@@ -285,7 +287,8 @@ def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:
 def origin(cls: type) -> tuple[str, str] | None:
     """File name and source text of a class that lies outside this package; else None.
 
-    The text is that of its module, empty where it cannot be had, as of a class typed at a prompt.
+    The text is the source of its module, empty where there is none, as of a class typed at a
+    prompt.
     """
     if cls.__module__.startswith("controllers."):
         return None
@@ -325,7 +328,7 @@ def _kinds(module: ModuleType) -> list[type[Law | Observer | Reference]]:
 
 
 def _lacking(cls: type[Law | Observer | Reference]) -> str:
-    """What a class lacks to be one of its kind; a law acts by ``control`` or ``command``."""
+    """Members that a class lacks to be of its kind; a law acts by ``control`` or ``command``."""
     if not isinstance(vars(cls).get("name"), str):
         return 'a name of its own, as in name: ClassVar[str] = "mine"'
     idle = issubclass(cls, Law) and cls.control is Law.control and cls.command is Law.command
@@ -447,18 +450,18 @@ def check_estimate(observer: Observer, x: Any, like: Array) -> Array:
 def _wrong(
     law: ControlLaw | Observer, method: str, what: str, given: Any, expected: Array
 ) -> AnswerError:
-    said = "None" if given is None else f"a {type(given).__name__}"
+    found = "None" if given is None else f"a {type(given).__name__}"
     if isinstance(given, np.ndarray | np.generic):
         kind = {"f": "", "i": "", "c": "complex numbers of "}
-        said = f"{kind.get(given.dtype.kind, f'{given.dtype} of ')}shape {given.shape}"
+        found = f"{kind.get(given.dtype.kind, f'{given.dtype} of ')}shape {given.shape}"
     return AnswerError(
         f"{_place(law, method)}: {method} must give {what}, here real numbers of shape "
-        f"{expected.shape} in an array; it gave {said}"
+        f"{expected.shape} in an array; it gave {found}"
     )
 
 
 def _place(law: ControlLaw | Observer, method: str = "control") -> str:
-    """File and line of a method; of a law that holds another's command, or a predictor, of that."""
+    """File and line of a method; of a held law or a predictor, those of the wrapped one."""
     while within := getattr(law, "law", None) or getattr(law, "observer", None):
         law = within
     own = getattr(type(law), method)

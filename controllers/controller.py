@@ -45,7 +45,7 @@ class HeldCommand:
         """Computing time of the observer for the command that is due, s, if that is measured."""
         self.timing: tuple[float, float] = (math.nan, 0.0)
         """Computing time in s of the command that this period began, NaN if it began none, and the
-        age in s of the present command beyond that of its period."""
+        time in s by which the present command is older than its period explains."""
         self._period, self._ticks = period, ticks
         self._number = -1
         self._free = 0
@@ -96,8 +96,8 @@ class HeldLaw:
     Args:
         law: The law.
         ticks: k, control periods of the rig in one of the law's.
-        computing_time: Computing time of a command in s, or ``measured``: that of observer and law
-            on this computer.
+        computing_time: Computing time of a command in s, or ``measured``: the time of observer and
+            law on this computer.
     """
 
     def __init__(self, law: Law, ticks: int, computing_time: float | str = 0.0) -> None:
@@ -255,6 +255,7 @@ class Controller:
             self.reference,
             self.memory,
             self.plan,
+            measurement,
         )
         u = check_command(self.law, self.law.command(now), self.rate)
         self._remember(t, seen)
@@ -414,6 +415,16 @@ class _PartOf(Reference):
         return self._whole(t)[..., self._place, :]
 
 
+def _part_of(measurement: Measurement | None, place: Place) -> Measurement | None:
+    """Some rigs' part of a measurement."""
+    if measurement is None:
+        return None
+    t, y, age, touched, state = measurement
+    return Measurement(
+        t, y[place], age[place], touched[place], None if state is None else state[place]
+    )
+
+
 class PerRigLaw:
     """Laws side by side as one; rigs that share a law are calculated together.
 
@@ -470,6 +481,7 @@ class PerRigLaw:
                 _PartOf(now.reference, own),
                 now.memory[own, : law.memory],
                 plan,
+                _part_of(now.measurement, own),
             )
             u[own] = check_command(law, law.command(mine), mine.rate)
         return u
@@ -572,7 +584,7 @@ class Smith(Observer):
     multiple of the period. A position that has waited since it arrived, as between two frames of
     the screen, is compared with the estimate that much earlier.
 
-    It is an observer around another one, whose ``name``, ``model`` and ``period`` it has.
+    It wraps an observer, and has the ``name``, ``model`` and ``period`` of that observer.
     Start with the leading axes of the measurements.
 
     Raises:

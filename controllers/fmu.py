@@ -1,7 +1,7 @@
 """A law that is an FMU, as Simulink and other tools export one: in a process of its own.
 
-Run by its path this file is that process: it is told numbers on standard input and answers on what
-was its standard output.
+Run by its path this file is that process: it reads numbers from standard input and answers on the
+file that was its standard output.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from weakref import finalize
 import numpy as np
 
 from controllers.arrays import Array, Positive
-from controllers.catalog import EXECUTES, AnswerError
+from controllers.catalog import EXECUTION_LOG, AnswerError
 from controllers.interfaces import Feedback, Law, Reference
 
 STATE_COLUMNS = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
@@ -30,25 +30,26 @@ FMU_INPUT_NAMES = (
     *(f"estimated_{each}" for each in STATE_COLUMNS),
     *(f"equivalent_{each}" for each in STATE_COLUMNS),
     *(f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"),
+    *("measured_x", "measured_phi", "measured_y", "measured_theta", "age", "touched"),
     *("applied_phi_rate", "applied_theta_rate"),
 )
-"""What an FMU may ask for, by the name of its inputs; SI units."""
+"""Inputs that an FMU may have, by name; SI units."""
 RATE_OUTPUTS, ACCELERATION_OUTPUTS = (
     ("rate_phi", "rate_theta"),
     ("requested_phi_acc", "requested_theta_acc"),
 )
 """The outputs that it may have: plate rates in rad/s, or plate accelerations in rad/s^2."""
-START_TIMEOUT_S = 30.0
+FMU_START_TIMEOUT_S = 30.0
 """Seconds in which the process must be there."""
 NUMBERS_MARK, ERROR_MARK = b"=", b"!"
-"""What begins an answer, and what begins the line that says why there is none."""
+"""First byte of an answer, and first byte of the error message that replaces one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FmuLaw(Law):
     """A controller as an FMU for co-simulation, FMI 2.0 or 3.0, driven by FMPy (extra ``fmi``).
 
-    It is stepped once in a control period, and what it then says is the command of that period.
+    It is stepped once in a control period; its output is the command of that period.
 
     Raises:
         ValueError: If there is no such file.
@@ -74,15 +75,26 @@ class FmuLaw(Law):
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
         path = (np.broadcast_to(r, now.rate.shape) for r in now.reference(now.time)[:3])
-        given = np.concatenate((now.x, now.equivalent, *path, now.rate), axis=-1)
+        given = np.concatenate(
+            (now.x, now.equivalent, *path, _measured_numbers(now), now.rate), axis=-1
+        )
         return now.plan.ask(now.time, given).reshape(now.rate.shape)
+
+
+def _measured_numbers(now: Feedback) -> Array:
+    """What a rig measured: x, phi, y, theta, age and touched, shape (..., 6)."""
+    seen = now.measurement
+    assert seen is not None, "a controller passes what was measured"
+    shape = now.rate.shape[:-1]
+    rest = (np.broadcast_to(each, shape)[..., np.newaxis] for each in (seen.age, seen.touched))
+    return np.concatenate((seen.y, *rest), axis=-1)
 
 
 class FmuProcess:
     """The process that has an FMU, ended when nobody needs it any more.
 
     Args:
-        law: Says which, and how long it may take.
+        law: Has the file, and the longest time it may take.
         rigs: How many instances it makes.
         period: Of the law, s.
 
@@ -94,7 +106,7 @@ class FmuProcess:
         self._law = law
         folder = TemporaryDirectory(prefix="ballplate-fmu-", ignore_cleanup_errors=True)
         file = str(Path(law.file).resolve())
-        EXECUTES.info("runs the machine code in %s, a controller as an FMU", file)
+        EXECUTION_LOG.info("runs the machine code in %s, a controller as an FMU", file)
         self._process = subprocess.Popen(
             [sys.executable, "-I", __file__, file, folder.name, str(rigs), repr(period)],
             stdin=subprocess.PIPE,
@@ -106,7 +118,7 @@ class FmuProcess:
         self._reader.start()
         self._asked = False
         finalize(self, _end, self._process, folder)
-        self._hear(START_TIMEOUT_S)
+        self._hear(FMU_START_TIMEOUT_S)
 
     def ask(self, time: float, given: Array) -> Array:
         """The answer to what ``INPUTS`` has, shape (..., len(INPUTS)), at a time in s.
@@ -115,7 +127,7 @@ class FmuProcess:
             AnswerError: If there is none within the time, or it is no number.
         """
         assert self._process.stdin is not None
-        with suppress(OSError):  # it has ended: what it said last is still to be read
+        with suppress(OSError):  # it has ended: its last output is still to be read
             if not self._asked:
                 self._asked = True
                 keep_up(self._process, self._reader)
@@ -139,13 +151,13 @@ class FmuProcess:
 
     def _hear(self, seconds: float) -> bytes:
         try:
-            said = self._answers.get(timeout=seconds)
+            answer = self._answers.get(timeout=seconds)
         except Empty:
             self._process.kill()
             raise self._failed(f"gave no answer within {seconds:g} s") from None
-        if said[:1] != NUMBERS_MARK:
-            raise self._failed(said[1:].decode(errors="replace").strip() or "its process ended")
-        return said[1:]
+        if answer[:1] != NUMBERS_MARK:
+            raise self._failed(answer[1:].decode(errors="replace").strip() or "its process ended")
+        return answer[1:]
 
     def _failed(self, why: str) -> AnswerError:
         return AnswerError(f"controller.file {self._law.file}: {why}")
@@ -159,7 +171,7 @@ def keep_up(process: subprocess.Popen[bytes], reader: Thread) -> None:
 
 
 def _read(pipe: Any, size: int, answers: SimpleQueue[bytes]) -> None:
-    """Read what a process says until it ends."""
+    """Queue the output of a process until it ends."""
     with pipe:
         while (first := pipe.read(1)) == NUMBERS_MARK:
             answers.put(first + pipe.read(size))
@@ -175,6 +187,29 @@ def _end(process: subprocess.Popen[bytes], folder: TemporaryDirectory[str]) -> N
     folder.cleanup()
 
 
+def _find_ports(known: dict[str, Any]) -> tuple[list[str], list[str], tuple[str, str]]:
+    """Names of the inputs that are numbers, of those that are flags, and of the two outputs.
+
+    Args:
+        known: The variables of an FMU by name.
+
+    Raises:
+        ValueError: If it has other inputs, or lacks the outputs: which there may be.
+    """
+    wanted = [each for each, variable in known.items() if variable.causality == "input"]
+    if unknown := [each for each in wanted if each not in FMU_INPUT_NAMES]:
+        raise ValueError(f"has the input {unknown[0]}; inputs may be {', '.join(FMU_INPUT_NAMES)}")
+    flags = [each for each in wanted if known[each].type == "Boolean"]
+    if flags not in ([], ["touched"]):
+        raise ValueError(f"has the Boolean input {flags[0]}; only touched may be one")
+    for pair in (RATE_OUTPUTS, ACCELERATION_OUTPUTS):
+        if known.keys() >= {*pair}:
+            return [each for each in wanted if each not in flags], flags, pair
+    raise ValueError(
+        f"must have the outputs {' and '.join(RATE_OUTPUTS)}, or {ACCELERATION_OUTPUTS}"
+    )
+
+
 def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
     """Have instances of an FMU, and answer with plate accelerations until nobody asks any more."""
     try:
@@ -185,16 +220,11 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
     known = {each.name: each for each in about.modelVariables}
     if about.coSimulation is None:
         raise ValueError("is not for co-simulation; export it as such")
-    wanted = [each for each, variable in known.items() if variable.causality == "input"]
-    if unknown := [each for each in wanted if each not in FMU_INPUT_NAMES]:
-        raise ValueError(f"has the input {unknown[0]}; inputs may be {', '.join(FMU_INPUT_NAMES)}")
-    given = [pair for pair in (RATE_OUTPUTS, ACCELERATION_OUTPUTS) if known.keys() >= {*pair}]
-    if not given:
-        raise ValueError(
-            f"must have the outputs {' and '.join(RATE_OUTPUTS)}, or {ACCELERATION_OUTPUTS}"
-        )
-    takes = [known[each].valueReference for each in wanted]
-    gives = [known[each].valueReference for each in given[0]]
+    numbers, flags, outputs = _find_ports(known)
+    takes, takes_flags, gives = (
+        [known[each].valueReference for each in names] for names in (numbers, flags, outputs)
+    )
+    places, touched = [*map(FMU_INPUT_NAMES.index, numbers)], FMU_INPUT_NAMES.index("touched")
     extract(file, folder)
     units = [instantiate_fmu(folder, about, "CoSimulation") for _ in range(rigs)]
     modern = about.fmiVersion.startswith("3")
@@ -207,9 +237,8 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
             begun = now
         due = max(step, round((now - begun) / period)) + 1
         answers = []
-        for unit, values in zip(
-            units, rows[:, [FMU_INPUT_NAMES.index(each) for each in wanted]].tolist(), strict=True
-        ):
+        for unit, row in zip(units, rows, strict=True):
+            values = row[places].tolist()
             put, get = (
                 (unit.setFloat64, unit.getFloat64) if modern else (unit.setReal, unit.getReal)
             )
@@ -221,10 +250,12 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
                 unit.exitInitializationMode()
             put(takes, values)
             for each in range(step, due):  # periods that were missed, too: its time is the loop's
+                if flags:  # in those nobody has looked
+                    unit.setBoolean(takes_flags, [bool(row[touched]) and each == due - 1])
                 unit.doStep(begun + each * period, period)
             answers.append(get(gives))
         u = np.array(answers, dtype=float)
-        if given[0] is RATE_OUTPUTS:
+        if outputs is RATE_OUTPUTS:
             u = (u - rows[:, -2:]) / period
         os.write(out, NUMBERS_MARK + u.tobytes())
         step = due

@@ -1,4 +1,4 @@
-"""What a law, an observer, a reference and a measurement are; everything else builds on these.
+"""Interfaces of law, observer, reference and measurement; everything else builds on these.
 
 Every array ends in its vector axis and may have any number of leading axes, one entry a rig:
 ``State`` (..., 8), ``Output`` (..., 4), ``Input`` (..., 2); their docstrings in
@@ -54,7 +54,7 @@ def catalog_settings(cls: type) -> list[Field[Any]]:
 
 
 class Measurement(NamedTuple):
-    """What a rig hands over once a control period, simulated or real.
+    """Measurement that a rig hands over once a control period, simulated or real.
 
     Attributes:
         time: Seconds since the run started.
@@ -74,14 +74,14 @@ class Measurement(NamedTuple):
 class Reference(ABC):
     """A path of the ball that may be asked at any time, ahead too.
 
-    A subclass is a frozen dataclass whose fields are its settings: the names a scenario may write
+    A subclass is a frozen dataclass. Its fields are its settings: the names a scenario may write
     under ``[reference]``.
     """
 
     name: ClassVar[str]
-    """What a scenario calls the reference."""
+    """Name of the reference in a scenario."""
     lengths: ClassVar[tuple[str, ...]] = ()
-    """Settings in m; a rig whose operating area is smaller makes them smaller."""
+    """Settings in m; a rig with a smaller operating area makes them smaller."""
 
     def __post_init__(self) -> None:
         """Check the ranges of the settings."""
@@ -89,7 +89,7 @@ class Reference(ABC):
 
     @abstractmethod
     def __call__(self, t: float | Array) -> Array:
-        """Position and four time derivatives of the wished ball position.
+        """Position and four time derivatives of the desired ball position.
 
         Args:
             t: Time in s, a number or an array of any shape.
@@ -116,13 +116,15 @@ class Feedback(NamedTuple):
         x: Estimated state, shape (..., 8).
         equivalent: The same with the plate angles and rates that would move a ball without
             friction on a level plate alike, shape (..., 8); x of an observer that knows neither.
-        needed: What the law ``needs`` of the observer beyond x, in that order, and what it
-            ``counts`` if the observer knows it, (..., len(needs) or more).
+        needed: The quantities beyond x that the law ``needs``, in that order, then those that it
+            ``counts`` if the observer knows them, (..., len(needs) or more).
         rate: Plate rates the rig commanded last, after its clamps, rad/s, shape (..., 2).
         requested: Plate rates requested last, rad/s, shape (..., 2).
         reference: The path to follow; asked ahead with an array of times.
         memory: The law's memory q, shape (..., memory).
         plan: What the law's ``start`` returned.
+        measurement: What the rig measured now, for a law with an observer of its own; None where a
+            law is asked without a rig.
     """
 
     time: float
@@ -134,6 +136,7 @@ class Feedback(NamedTuple):
     reference: Reference
     memory: Array
     plan: Any = None
+    measurement: Measurement | None = None
 
     @property
     def clamped(self) -> Mask:
@@ -145,13 +148,13 @@ class Feedback(NamedTuple):
 class Law(ABC):
     """A state feedback law u = control(t, x, reference, q) with optional memory q.
 
-    A subclass is a frozen dataclass whose fields are its settings: the names a scenario may write
+    A subclass is a frozen dataclass. Its fields are its settings: the names a scenario may write
     under ``[controller]``. ``model`` is given by whoever builds the law. One that acts on more than
     the state, or plans ahead, overrides ``command`` and ``start``.
     """
 
     name: ClassVar[str]
-    """What a scenario calls the law."""
+    """Name of the law in a scenario."""
     memory: ClassVar[int] = 0
     """Length of q, the law's own integrator states; 0 for a static law."""
     needs: ClassVar[tuple[str, ...]] = ()
@@ -159,7 +162,7 @@ class Law(ABC):
     counts: ClassVar[tuple[str, ...]] = ()
     """Names of further ones that it counts where an observer knows all of them."""
     replans: ClassVar[bool] = False
-    """Whether its plan takes in that the path ahead has become another."""
+    """Whether its plan follows when the path ahead changes."""
 
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the law is designed on."""
@@ -189,7 +192,7 @@ class Law(ABC):
         return np.zeros_like(q)
 
     def start(self, x: State, reference: Reference, period: float) -> Any:
-        """What is worked out before the run, as a plan; handed back with every ``Feedback``.
+        """Work out a plan before the run; it is handed back with every ``Feedback``.
 
         A law has no state of its own, so that one may drive many runs: its plan is the run's.
 
@@ -201,7 +204,7 @@ class Law(ABC):
         return None
 
     def replanned(self, plan: Any, t: float, x: State, reference: Reference, period: float) -> Any:
-        """The plan of a law that takes over a run under way; by default that of its start.
+        """The plan of a law that takes over a run under way; by default the plan of its start.
 
         Args:
             plan: What ``start`` returned.
@@ -221,7 +224,7 @@ class Law(ABC):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a report should tell of the law with these settings, in whole sentences."""
+        """Remarks on the law with these settings for a report, in whole sentences."""
         return ()
 
 
@@ -272,14 +275,14 @@ class ControlLaw(Protocol):
 class Observer(ABC):
     """A state estimator at the control period: ``start``, then ``correct``, ``predict`` a tick.
 
-    A subclass is a dataclass whose fields are its settings, the names a scenario may write under
+    A subclass is a dataclass. Its fields are its settings, the names a scenario may write under
     ``[observer]``; ``model`` and ``period`` are given by whoever builds it.
     """
 
     name: ClassVar[str]
-    """What a scenario calls the observer."""
+    """Name of the observer in a scenario."""
     knows: ClassVar[tuple[Quantity, ...]] = ()
-    """What it estimates beyond the state."""
+    """Quantities that it estimates beyond the state."""
 
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the observer is designed on."""
@@ -307,7 +310,7 @@ class Observer(ABC):
 
     @property
     def further(self) -> Array:
-        """What it ``knows`` beyond the state, in that order, shape (..., len(knows))."""
+        """Estimates of the quantities ``knows``, in that order, shape (..., len(knows))."""
         return self.x[..., :0]
 
     @property

@@ -31,7 +31,7 @@ JOIN_DEGREE = 9
 
 
 def join(start: Array, end: Array, duration: float) -> Array:
-    """Polynomial of degree nine that takes one motion over into another, (D.2)-(D.4).
+    """Polynomial of degree nine from the end of one motion to the start of the next, (D.2)-(D.4).
 
     Args:
         start: Value and four derivatives at t = 0, shape (5, n).
@@ -52,7 +52,7 @@ def _control_points(start: Array, end: Array, duration: float) -> Array:
     """Coefficients in the Bernstein basis of the polynomial of ``join``, shape (10, n).
 
     Its q-th derivative at an end is 9!/(9 - q)! T^-q times the q-th difference of the control
-    points there, which gives one after another.
+    points there, which gives the points in turn.
     """
     n, T = JOIN_DEGREE + 1, np.float64(duration)
     c = np.empty((n, start.shape[1]))
@@ -138,7 +138,7 @@ class WithDerivatives:
 
 
 def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> WithDerivatives:
-    """Polynomials one after another; the first holds for all time before, the last ever after.
+    """Polynomials in sequence; the first holds for all earlier times, the last for all later ones.
 
     Args:
         origins: Where each piece counts its time from; it is left for the next at the next one's.
@@ -151,7 +151,7 @@ def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> WithDerivative
 
 @dataclass(frozen=True, kw_only=True)
 class Transition(Reference):
-    """On a straight line from rest at one point to rest at another, in a given time.
+    """On a straight line from rest at a start to rest at an end, in a given time.
 
     The polynomial of degree nine keeps the position smooth to the fourth derivative.
 
@@ -306,7 +306,7 @@ class Hold(Reference):
 
 @dataclass(frozen=True, kw_only=True)
 class Step(Reference):
-    """The desired position jumps from one point to another, as in Tables 8.1 and 8.2.
+    """The desired position jumps from a start to an end, as in Tables 8.1 and 8.2.
 
     The derivatives are zero everywhere, the jump itself included.
 
@@ -616,12 +616,12 @@ class _Filter:
         self._times = [time]
         self._goals = [np.array(goal, float)]
         self._parts = [np.zeros((FILTER_ORDER, FILTER_ORDER, 2))]
-        """Of each goal and each derivative the coefficients b, both axes."""
+        """Coefficients b of each goal and each derivative, both axes."""
 
     def then(self, time: float, goal: Sequence[float]) -> _Filter:
         """The filter with one more goal; what is behind is shared."""
         longer = copy(self)
-        if len(self._times) > self._count:  # another one has gone on from here already
+        if len(self._times) > self._count:  # a different goal was already added here
             for name in ("_times", "_goals", "_parts"):
                 setattr(longer, name, getattr(self, name)[: self._count])
         state = self(np.array(time))
@@ -675,7 +675,7 @@ class _Filter:
         return np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(FILTER_ORDER)
 
     def fading(self, s: Array) -> Array:
-        """What is left of a step after a time s, and its four derivatives, shape (5, *shape(s))."""
+        """Remainder of a step after a time s, and its four derivatives, shape (5, *shape(s))."""
         b = np.array([self._a**k / factorial(k) for k in range(FILTER_ORDER)])
         powers = self._powers(s)
         out = []

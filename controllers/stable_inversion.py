@@ -50,7 +50,7 @@ class Slicing:
 
 @dataclass(frozen=True, kw_only=True)
 class JumpSpreading:
-    """What counts as a jump of a reference, and to which length its time refers.
+    """Criterion of a jump of a reference, and the length to which its time refers.
 
     Attributes:
         min_jump_m: Distance in m from one period to the next, beyond what the speed covers, above
@@ -223,7 +223,7 @@ class TwoSided:
     """The bounded solution a of a - a'' / Z^2 = w for a w that is known some time in advance.
 
     The ball's x'' = k1 phi - c2 phi'' has a zero in the right half plane at Z = sqrt(k1 / c2), so
-    that the slope for a desired x'' = k1 w has a pole there, whose bounded answer precedes its
+    that the slope for a desired x'' = k1 w has a pole there; its bounded response precedes its
     cause:
 
         a = (p + q) / 2,    p' = Z (w - p) forward in time,    q' = Z (q - w) backward.
@@ -262,7 +262,7 @@ class TwoSided:
     def plan(self, w: Array) -> Tilts:
         """Return a, a' and a'' of a slice, each (count, ...), from a window that begins with it.
 
-        Every sample uses the same preview time, that of the slice's last one.
+        Every sample uses the same preview time, the one of the slice's last sample.
 
         Args:
             w: The window, shape (length, ..., axes).
@@ -286,9 +286,9 @@ class TwoSided:
 
 
 class FeasiblePath:
-    """The path nearest to a desired one whose acceleration and jerk keep to limits, slice by slice.
+    """The path nearest to a desired one within limits of acceleration and jerk, slice by slice.
 
-    The minimum mean square distance over a horizon, among paths whose jerk is constant over short
+    The minimum mean square distance over a horizon, among paths with constant jerk over short
     pieces, from the end of the previous slice: a quadratic programme with bounds, by the method of
     multipliers (Boyd et al. 2011, "Distributed optimization and statistical learning via the
     alternating direction method of multipliers", 3.1), started from the previous slice's result.
@@ -459,8 +459,8 @@ class _Jump(NamedTuple):
 class Preview:
     """Position, velocity and acceleration of a reference over a window that moves with time.
 
-    A jump of the reference is replaced by a smooth motion after it, whose duration grows with the
-    root of its length; so is the distance of the ball from the reference at the start.
+    A jump of the reference is replaced by a smooth motion after it; its duration grows with the
+    root of its length. The distance of the ball from the reference at the start is treated alike.
 
     Args:
         reference: The path.
@@ -668,7 +668,7 @@ class AboutMotion(Law):
     slicing: Slicing = algorithm_constants(SLICING)
     """How the path is planned slice by slice."""
     jumps: JumpSpreading = algorithm_constants(JUMP_SPREADING)
-    """What counts as a jump of the reference."""
+    """Criterion of a jump of the reference."""
     shaping: PathShaping = algorithm_constants(PATH_SHAPING)
     """How a path that the plate cannot produce is replaced."""
 
@@ -809,10 +809,10 @@ class StableInversion(AboutMotion):
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
 
     Drives with a lag T, given (``BallPlate.lag``) or estimated by the observer, turn the plate at a
-    rate a' that follows the commanded one w, a'' = (w - a') / T. The regulator is then that of
-    (eta, eta', a, a', w) under w', about w* = a*' + T a*''. An estimated lag counts while the ball
-    is to move: where it is to rest it may stick, and comes free sooner on a plate that swings in
-    the play of its drives, as it does where the lag is left out.
+    rate a' that follows the commanded rate w, a'' = (w - a') / T. The regulator then acts on
+    (eta, eta', a, a', w) with the input w', about w* = a*' + T a*''. An estimated lag counts while
+    the ball is to move: where it is to rest it may stick, and comes free sooner on a plate that
+    swings in the play of its drives, as it does where the lag is left out.
 
     A ball that was pushed is first braked and then brought back. While its error of eta is above
     ``PushResponse.pushed_error_m`` and grows, ``max_growing_error_m`` of it is fed back at most:

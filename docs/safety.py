@@ -23,7 +23,7 @@ from twin.hal.agreement import AGREEMENT_CONDITIONS
 from twin.hal.interface import SCREEN_SIZE_M, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.safety.faults import CASES
-from twin.safety.trial import RUN_AFTER_S, TABLE_HEADINGS, WATCH_AFTER_S, FaultRow, cells, run_all
+from twin.safety.trial import FAULT_HEADINGS, RUN_AFTER_S, WATCH_AFTER_S, FaultRow, cells, run_all
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
@@ -52,7 +52,7 @@ def document(rows: Sequence[FaultRow], own: Sequence[FaultRow] = ()) -> str:
         left=f"{WATCH_AFTER_S:g}",
         good=sum(row.good for row in rows),
         number=len(rows),
-        heading=TABLE_HEADINGS,
+        heading=FAULT_HEADINGS,
         matrix=map(_cells, rows),
         own=map(_cells, own),
         own_good=sum(row.good for row in own),

@@ -35,8 +35,8 @@ MENU = 36
 
 
 @contextmanager
-def headless(path: Path) -> Iterator[ViewerClient]:
-    """A viewer without a window that has loaded an ``.rrd`` file.
+def headless(path: Path) -> Iterator[tuple[ViewerClient, str]]:
+    """A viewer without a window that has loaded an ``.rrd`` file, and its address.
 
     Raises:
         ViewError: If it does not start, does not load the file, or ends by itself.
@@ -47,7 +47,7 @@ def headless(path: Path) -> Iterator[ViewerClient]:
         client.open(str(path.resolve()))
         if not wait_until(lambda: _loaded(client), WAIT, 0.1):
             raise ViewError(f"the viewer did not load {path} within {WAIT:g} s")
-        yield client
+        yield client, viewer.url
     except ConnectionError as error:
         raise ViewError(f"the viewer ended by itself; {NEEDS}") from error
     finally:
@@ -79,7 +79,7 @@ def screenshot(recording: Path, picture: Path, at: float) -> None:
         ViewError: If the viewer does not start.
         RecordError: If the picture cannot be written.
     """
-    with headless(recording) as viewer:
+    with headless(recording) as (viewer, _):
         viewer.set_time(TIMELINE_NAME, duration=at, play_state="paused")
         time.sleep(SETTLE)
         write_whole(picture, lambda target: _take(viewer, target))

@@ -25,7 +25,7 @@ from controllers.arrays import Array
 from docs.pages import HERE, filled, kept, planned
 from twin.base.jobs import cores, results
 from twin.base.writing import write_whole
-from twin.cli.options import PROCESSES
+from twin.cli.options import PROCESSES_OPTION
 from twin.cli.output import progress
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
@@ -546,7 +546,7 @@ def page(every: pd.DataFrame, command: str) -> str:
 @click.option("--laws", type=click.IntRange(min=0), default=2, help="Rigs of a kind for each law.")
 @click.option("--watch", type=click.FloatRange(min=0), default=48.0, help="Hours for false alarms.")
 @click.option("--doc", type=click.Path(path_type=Path), default=HERE / "shadow.md")
-@PROCESSES
+@PROCESSES_OPTION
 def main(
     each: int, hours: float, laws: int, watch: float, doc: Path, processes: int | None
 ) -> None:

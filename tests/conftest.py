@@ -4,9 +4,11 @@ import gc
 import os
 from functools import cache
 
+import bytecode  # noqa: F401  before all that is compiled
 import one_thread  # noqa: F401  before numpy
 import pytest
 from hypothesis import HealthCheck, settings
+from markupsafe import Markup
 
 from controllers import catalog
 from controllers.catalog import forget
@@ -103,9 +105,10 @@ def quick_pictures():
 
 @pytest.fixture(scope="module")
 def no_pictures():
-    """Nobody looks at the picture that is kept with a run, which takes longer than a short run."""
+    """Nobody looks at the pictures kept with a run or in a page: they take longer than the run."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("twin.run.picture.png", lambda *_: b"\x89PNG")
+        patch.setattr("twin.base.page.inline", lambda _: Markup("<svg></svg>"))
         yield
 
 

@@ -24,7 +24,6 @@ def changed(path):
     return lambda each: each.read_bytes() + b"\n" * (each == ROOT / path)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("test", "path"),
     [

@@ -31,7 +31,7 @@ def test_an_outside_package_contributes_by_an_entry_point(tmp_path, monkeypatch)
     )
     monkeypatch.syspath_prepend(tmp_path)
     importlib.invalidate_caches()
-    entry = EntryPoint("outside", "outside_laws", catalog_module.ENTRY_POINT_GROUP)
+    entry = EntryPoint("outside", "outside_laws", catalog_module.CONTROLLER_ENTRY_POINTS)
     monkeypatch.setattr(catalog_module, "entry_points", lambda group: [entry])
     catalog_module.forget()
     try:

@@ -1,4 +1,4 @@
-"""State estimators of chapter 7, two of what it leaves out, and the ideal one."""
+"""State estimators of chapter 7, two that estimate friction and dead time, and the ideal one."""
 
 from controllers.observers.friction import DisturbanceObserver, FrictionKalman, FrictionMapKalman
 from controllers.observers.thesis import (

@@ -198,7 +198,8 @@ class FrictionKalman(LateBall):
 
     The plate's acceleration drops out of the motion of the flat output eta, so that only the
     measured angle enters, whatever is between command and plate. With b = k1 (sin phi cos theta,
-    -sin theta) + n of the exact model (5.9), its integral B over a period T, and that of B, C:
+    -sin theta) + n of the exact model (5.9), its integral B over a period T, and the integral C of
+    B:
 
         state      s = (eta, eta', d, kappa, F),  eta = r + c2 q,  r = (x, y),  q = (phi, -theta)
                    v = eta' - c2 q',  h = v / l,  l = sqrt(|v|^2 + vs^2)                     (K1)
@@ -257,8 +258,8 @@ class FrictionKalman(LateBall):
     """Whether friction and tilt gain keep their variances while the ball rests, when nothing can be
     measured of them, instead of growing by their random walks."""
     forget_rest: Positive | None = None
-    """Time constant in s with which the filter removes, once the ball comes free, what it added to
-    the disturbance while the ball rested and its breakaway friction held it. None for never."""
+    """Time constant in s with which the filter, once the ball comes free, removes the part of the
+    disturbance that it added while breakaway friction held the ball. None for never."""
     spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
     R: tuple[Positive, Positive] = (NOISE_VARIANCES[0], NOISE_VARIANCES[2])
@@ -358,7 +359,7 @@ class FrictionKalman(LateBall):
         spread += Q
 
     def _propagate(self, A: Array) -> None:
-        """Covariance after a period, in place: A P A' of (K4), whose other rows are those of 1."""
+        """Covariance after a period, in place: A P A' of (K4); its other rows are of 1."""
         P = self._P
         P[:, :4] = A @ P
         P[:, 4:9, :4] = P[:, :4, 4:9].mT
@@ -476,7 +477,7 @@ class FrictionMapKalman(FrictionKalman):
 
     With a ``camber_spread`` the plate may be cambered: a ball is accelerated away from its middle
     by c_x x along x and c_y y along y. Both c are further states, estimated in motion like the map,
-    and the ``disturbance`` is that of the ball's place.
+    and the ``disturbance`` is the one at the ball's place.
 
     Good where a path, or a part of the screen, is repeated. On the first passage over a screen it
     costs calculation and gives nothing; other errors that depend on the place, as one of the cams'
@@ -576,7 +577,7 @@ class FrictionMapKalman(FrictionKalman):
         v = by.least(by.most((y / height + 0.5) * m, 0.0), m - 1e-9)
         i, j = u // 1, v // 1
         a, b = u - i, v - j
-        # a ball whose position is not finite has no cell; the results are not finite either
+        # a ball without a finite position has no cell; its results are not finite either
         first = i * (m + 1) + j
         first = by.where(first >= 0, first, 0.0)
         if by.any(first != self._first[which]):

@@ -1,6 +1,6 @@
 """The common part of observers of a rolling ball that compensate the dead time.
 
-The ball moves with friction under a plate whose angles were measured. Plate angle and rate for
+The ball moves with friction on a plate with measured angles. Plate angle and rate for
 feedback are the commanded ones, corrected slowly by the measured angle. All calculations are by
 components: plain numbers for one rig, which is several times faster, and arrays with one entry per
 rig for several. Equations (K1) to (K9) are those of ``FrictionKalman``.
@@ -385,7 +385,7 @@ class LagSearch:
             0.3 deg, may be crossed.
         rate_change_window_s: Time in s over which changes of the plate's rate are compared with its
             angle.
-        plate_lag_s: Lag in s of a plate whose drives have none.
+        plate_lag_s: Lag in s of a plate with drives that have none.
         plate_lag_std_s: Lag in s beyond ``plate_lag_s`` that may have other causes; an estimate
             below it counts as none, one above twice it counts in full.
         min_rate_change_sum: Sum of the squares of changes of the rate, (rad/s)^2, that is added to

@@ -185,11 +185,11 @@ class Kalman(LinearObserver):
     variances of held disturbance and of samples instead gives Q = variance T and R = variance T.
     Table B.1 holds variances of samples, which the thesis uses as intensities; so do the defaults.
 
-    Whichever they are, only their ratio sets the gain, and that of Table B.1 trusts the model: the
-    slowest error of the ball takes 5 s to die out, so a force outside the model, such as rolling
-    resistance, stays in the estimate for long. Larger Q forgets faster.
+    Whichever they are, only their ratio sets the gain, and the ratio of Table B.1 trusts the model:
+    the slowest error of the ball takes 5 s to die out, so a force outside the model, such as
+    rolling resistance, stays in the estimate for long. Larger Q forgets faster.
 
-    (8.2) has R in the order x, y, phi, theta of Table B.1, not in that of (7.6b). Tables 8.12 to
+    (8.2) has R in the order x, y, phi, theta of Table B.1, unlike (7.6b). Tables 8.12 to
     8.21 were made so; R=(0.7254e-6, 0.1772e-6, 0.0002e-6, 0.0001e-6) repeats it.
 
     Raises:
@@ -256,9 +256,9 @@ class NonlinearLuenberger(Observer):
     half of them.
 
     Thus the plate angles are guessed from the ball's acceleration, and a neglected force looks like
-    a tilt. With ``plate_observer`` the angles are measured and the plate's part of the estimate is
-    that of a second observer, of phi'' = u1 and theta'' = u2, as the end of 7.2.1 proposes; the
-    first one goes on beside it, for the ball.
+    a tilt. With ``plate_observer`` the angles are measured and a second observer, of
+    phi'' = u1 and theta'' = u2, estimates the plate's state, as the end of 7.2.1 proposes; the
+    first one estimates the ball's.
 
     After a start far from the ball, an acceleration may be asked for that no slope gives: slopes
     are cut to 60 degrees and rates to 10 rad/s, far beyond any plate's.
@@ -347,7 +347,7 @@ def _axes(x: Array) -> Array:
 
 
 def chain_gain(poles: Sequence[Pole], T: float) -> Array:
-    """Gain G for a chain of n integrators whose first state is measured, by Ackermann's formula.
+    """Gain G for a chain of n integrators with a measured first state, by Ackermann's formula.
 
     Args:
         poles: Continuous poles p in 1/s, shape (n,).

@@ -5,9 +5,9 @@ for bit. Rigs drawn from a family: ``family``. What was recorded: ``load``, ``id
 step with a controller of one's own: ``rig``; a control law out of a function: ``law``. The model
 behind it: ``model``, and the classes of ``laws``, ``observers``, ``references``; plants and
 controllers for python-control: ``systems``; a rig for Simulink and others: ``fmu``; a drive for
-simulated CAN buses: ``drive_fmu``; a controller in C for a board: ``controller_source``; the
-equations as CasADi symbols: ``symbolic``. What there is to run and to set: ``scenarios``,
-``describe``.
+simulated CAN buses: ``drive_fmu``; a controller in C for a board: ``controller_source``, as
+an FMU: ``controller_fmu``; the equations as CasADi symbols: ``symbolic``. What there is to run and
+to set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
 is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare, load
     from ballplate.results import Identified, Log, Result, identify
-    from ballplate.rigs import Rig, controller_source, drive_fmu, fmu, rig
+    from ballplate.rigs import Rig, controller_fmu, controller_source, drive_fmu, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
     from ballplate.studies import StudyResult, Sweep, family, study, sweep
 
@@ -60,6 +60,7 @@ __all__ = [
     "Symbolic",
     "TwinError",
     "compare",
+    "controller_fmu",
     "controller_source",
     "describe",
     "drive_fmu",
@@ -87,7 +88,7 @@ _LAZY_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 _LAZY_NAMES = {
     "comparing": ("Comparison", "compare", "load"),
     "results": ("Identified", "Log", "Result", "identify"),
-    "rigs": ("Rig", "controller_source", "drive_fmu", "fmu", "rig"),
+    "rigs": ("Rig", "controller_fmu", "controller_source", "drive_fmu", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
     "studies": ("StudyResult", "Sweep", "family", "study", "sweep"),
 }

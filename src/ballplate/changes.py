@@ -1,4 +1,4 @@
-"""What there is to run and to set, and what is changed of a scenario: tables, keys, texts."""
+"""Changes of a scenario by tables, keys or texts, and lists of what can be run and set."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Changes(TypedDict, total=False):
     """
 
     title: str
-    """What tables and pictures call it."""
+    """Title in tables and pictures."""
     duration: float
     """How long it runs, in s."""
     seed: int
@@ -52,7 +52,7 @@ class Changes(TypedDict, total=False):
     baseline: bool
     """Whether the clean model runs as well."""
     plant: Table
-    """What is simulated: ball, friction, surface, drives, start."""
+    """Changes of the plant: ball, friction, surface, drives, start."""
     rig: Table
     """Control period, limits, what the rig knows of its cams."""
     sensors: Table
@@ -70,7 +70,7 @@ class Changes(TypedDict, total=False):
     reference: Table | str | Reference | type[Reference]
     """The path of the ball and its settings."""
     metrics: Table
-    """From when steady tracking is evaluated, and the settling band."""
+    """Changes of the evaluation: start of steady tracking, and settling band."""
     parameters: str
     """File of identified parameters that lie over the scenario's own."""
 
@@ -90,14 +90,14 @@ class KeyChange(NamedTuple):
 
     @classmethod
     def of(cls, key: str, value: Any) -> KeyChange:
-        """That of a key and a plain value."""
+        """The change of a key to a plain value."""
         from twin.scenario.load import format_toml_value
 
         return cls(key, value, f"{key}={format_toml_value(value)}")
 
 
 def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[KeyChange]:
-    """What is changed by dotted keys or texts, and over that by tables.
+    """Changes by dotted keys or texts, and over those by tables.
 
     An object or class of a law, observer or reference is all of it: it comes before the keys.
 
@@ -155,7 +155,7 @@ def flatten(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 def varied_of(vary: Vary) -> dict[str, list[Any]]:
-    """What is varied with plain values; a law, observer or reference is its table.
+    """Varied keys with plain values; a law, observer or reference is its table.
 
     Raises:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
@@ -276,7 +276,7 @@ class Keys(list["Key"]):
 
 
 def describe(name: str = "") -> Keys:
-    """What may be set.
+    """Every key that may be set.
 
     Args:
         name: A key (``plant.friction.rolling_mm``) or its last part, a table
@@ -323,7 +323,7 @@ def model(
     more are functions of any state.
 
     Args:
-        scenario: Whose ball it has, on which the scenario's controller is designed unless
+        scenario: Scenario with the ball on which its controller is designed, unless
             ``controller.model`` is set; the nominal one by default.
         settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
         changes: What is changed of that scenario, by tables.
@@ -347,7 +347,7 @@ def model(
 
 
 LAW_ARGUMENTS = ("t", "x", "reference")
-"""What the function is given, in this order."""
+"""Arguments of the function, in this order."""
 
 
 def law(function: Callable[..., Any]) -> type[Law]:
@@ -387,7 +387,7 @@ def law(function: Callable[..., Any]) -> type[Law]:
         )
 
     def control(self: Any, t: float, x: Any, reference: Any, q: Any) -> Any:
-        """What the function gives."""
+        """Return value of the function."""
         return function(t, x, reference, **{name: getattr(self, name) for name in settings})
 
     fields = [  # of kp=6 as well 6.5

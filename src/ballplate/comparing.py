@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
 from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
-from ballplate.reporter import Reporter, default, overview, showable, writable
+from ballplate.reporter import (
+    Reporter,
+    check_processes,
+    default,
+    overview,
+    showable,
+    writable,
+)
 from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_of_path
 from twin.base.errors import LawError, ScenarioError
 from twin.base.shipped import find
@@ -34,7 +41,7 @@ if TYPE_CHECKING:
     from twin.scenario.schema import Dimensions, Scenario
 
 
-LONGEST_NAME = 60
+MAX_NAME_LETTERS = 60
 """Most letters of a variant's name: it stands in legends, tables and folders."""
 Label = TypeVar("Label")
 Found = TypeVar("Found")
@@ -164,7 +171,7 @@ class Comparison(Mapping[str, "Result"]):
 
 
 def _folders_of(names: Mapping[str, str]) -> dict[str, str]:
-    """The folder of each run within that of the comparison, by label.
+    """The folder of each run within the folder of the comparison, by label.
 
     Args:
         names: What tables and pictures call each run, by label.
@@ -210,8 +217,8 @@ def compare(
 
     ``compare("circle", variants={"PID": {"controller.kind": "pid"}, "LQR": {"controller.kind":
     "lqr"}})`` runs these two, under their names; ``vary={"controller.kind": ["afl", "lqr"]}`` all
-    combinations of values. Finished runs are shown as they are, logs over what the twin predicts
-    for the first scenario. The order is that of the sources.
+    combinations of values. Finished runs are shown as they are, logs over the twin's prediction
+    for the first scenario. They are in the order of the sources.
 
     Args:
         sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or
@@ -248,6 +255,7 @@ def compare(
     given = [str(source) for source in sources if isinstance(source, str | Path)]
     names, folders, logs = sorted_out(given, of_any_rig=columns is not None)
     report = reporter or default()
+    check_processes(processes, report)
     if vary and not names:
         what = report.name_of("vary")
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
@@ -265,10 +273,7 @@ def compare(
             f"{what}: give one of them; the names of variants hold for one run each"
         )
     found = open_runs(folders, tell=report.warn) if folders else []
-    results = [each for each in sources if not isinstance(each, str | Path)]
-    for each in results:
-        if not isinstance(each, Result):
-            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    results = _results_among(sources)
     opened = [*map(Result.from_run, found), *results]
     recorded, fitted = runs_of_logs(logs, names, opened, base, (columns, separator), report.warn)
     shown = [*map(Result.from_run, recorded), *opened]
@@ -299,6 +304,21 @@ def compare(
     if folder is not None:
         done.draw(folder)
     return done
+
+
+def _results_among(sources: Sequence[str | Path | Result]) -> list[Result]:
+    """The sources that are results already, in their order.
+
+    Raises:
+        ScenarioError: If a source is neither a name or file nor a result.
+    """
+    from ballplate.results import Result
+
+    results = [each for each in sources if not isinstance(each, str | Path)]
+    for each in results:
+        if not isinstance(each, Result):
+            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    return results
 
 
 def _run_cases(
@@ -479,8 +499,8 @@ def variants_of(
     found: dict[str, list[KeyChange]] = {}
     for given, settings in pairs:
         name = given.strip()
-        if not name or len(name) > LONGEST_NAME or not name.isprintable():
-            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {LONGEST_NAME} letters")
+        if not name or len(name) > MAX_NAME_LETTERS or not name.isprintable():
+            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {MAX_NAME_LETTERS} letters")
         if name in found:
             raise ScenarioError(f"{what} '{name}': two variants have this name")
         try:

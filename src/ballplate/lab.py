@@ -43,8 +43,8 @@ def check(
         page: HTML file to write with the result and a picture of the run that lost most points.
 
     Raises:
-        ScenarioError: If there is no such lab, something in it is wrong, or the rig is of another
-            student, lab or key.
+        ScenarioError: If there is no such lab, something in it is wrong, or the rig belongs to a
+            different student, lab or key.
     """
     from twin.lab import judge, schema
     from twin.lab.schema import reload_deal

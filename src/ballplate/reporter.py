@@ -1,4 +1,4 @@
-"""Who receives progress and warnings, and how results show themselves in a notebook."""
+"""Receivers of progress and warnings, and the display of results in a notebook."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from numbers import Integral
+from os import PathLike
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
 
+from twin.base.errors import ScenarioError
 from twin.base.writing import check_writable
 
 if TYPE_CHECKING:
@@ -77,7 +80,7 @@ class Reporter:
         """A line about a run on a rig: its timing, or, weightier, what was detected."""
 
     def name_of(self, argument: str) -> str:
-        """What an argument is called where messages are read."""
+        """Name of an argument in messages to the user."""
         return argument
 
 
@@ -119,9 +122,27 @@ def writable(out: str | Path | None, reporter: Reporter) -> Path | None:
     """The folder to save in, after a look whether that can be written; None for none.
 
     Raises:
-        ScenarioError: If it cannot.
+        ScenarioError: If it cannot, or is no path.
     """
-    return None if out is None else check_writable(Path(out), reporter.name_of("out"))
+    if out is None:
+        return None
+    option = reporter.name_of("out")
+    if not isinstance(out, str | PathLike):
+        raise ScenarioError(f"{option}: must be a path, got {out!r:.40}")
+    return check_writable(Path(out), option)
+
+
+def check_processes(processes: object, reporter: Reporter) -> None:
+    """Check how many processes are asked for; None means one for each processor.
+
+    Raises:
+        ScenarioError: If it is no whole number of at least 1.
+    """
+    if processes is None:
+        return
+    if not isinstance(processes, Integral) or processes < 1:
+        what = reporter.name_of("processes")
+        raise ScenarioError(f"{what}: must be a whole number of at least 1, got {processes!r:.40}")
 
 
 def default() -> Reporter:

@@ -1,4 +1,4 @@
-"""What a run gives, just made or recorded before; logs of any rig, and the parameters they show."""
+"""Results of runs, new or opened; logs of any rig, and the parameters they show."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Result(Run):
     Made by ``run``, ``compare``, ``load`` and ``Rig.result``; shows itself in a notebook.
 
     Attributes:
-        label: What it ran on, as ``honest twin``; of an opened run its name.
+        label: Name of its plant, as ``honest twin``; of an opened run its name.
         baseline: The same controller on the clean model; None if that did not run.
         beside: Further runs of its table and picture, by name.
 
@@ -58,7 +58,7 @@ class Result(Run):
 
     @property
     def title(self) -> str:
-        """What ran, in words."""
+        """Description of the run."""
         return self.scenario.title
 
     @property
@@ -140,7 +140,7 @@ class Result(Run):
             reporter: Receives progress; a notebook has its own.
             cut: Of a moving picture, those of ``twin.run.film.Cut``: ``fps``, frames a second [20];
                 ``since`` and ``until``, times of the run at which it begins and ends, s [all];
-                ``seconds``, its duration [that of the run]; ``size``, its width in
+                ``seconds``, its duration [the run's]; ``size``, its width in
                 pixels [600]; ``render``, ``plate`` from above or ``mujoco`` for the mechanism in
                 3D, which needs EGL or OSMesa.
 
@@ -247,13 +247,13 @@ class Log(Signals):
     units: Mapping[str, str]
 
 
-HOLD_OUT = 0.33
+HOLD_OUT_SHARE = 0.33
 """Share of a log that is held out from the fit."""
 
 
 @dataclass(repr=False, eq=False)
 class Identified:
-    """What a log shows of its rig; shows itself in a notebook.
+    """Identified parameters of a log; shows itself in a notebook.
 
     Attributes:
         found: The fit with its intervals, checks on what was held out, and notes.
@@ -313,7 +313,7 @@ def identify(
     log: str | Path | Result | Sequence[str | Path],
     parameters: str | Iterable[str] = (),
     *,
-    hold_out: float | str | Path | Sequence[str | Path] = HOLD_OUT,
+    hold_out: float | str | Path | Sequence[str | Path] = HOLD_OUT_SHARE,
     columns: str | None = None,
     separator: str | None = None,
     ball: str | float | None = None,

@@ -12,12 +12,12 @@ from typing import Self, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.changes import Changes, KeyChange, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default
 from ballplate.results import Result
 from controllers.arrays import Array
 from controllers.interfaces import Measurement, Reference
-from twin.base.errors import RecordError, TwinError, extra
+from twin.base.errors import RecordError, ScenarioError, TwinError, extra
 from twin.base.shipped import find
 from twin.run.assemble import PLANTS, assemble
 from twin.run.loop import RunMonitor, record_and_wait
@@ -310,7 +310,17 @@ def fmu(
         True
     """
     path = _check_ending(file)
-    find(str(scenario))
+    try:
+        find(str(scenario))
+    except ScenarioError as error:
+        from twin.fmu.bus_node import DRIVE_KINDS
+
+        if str(scenario) not in DRIVE_KINDS:
+            raise
+        raise ScenarioError(
+            f"'{scenario}' is a drive, not a scenario; to export it: "
+            f"ballplate export {scenario} {path} --bus"
+        ) from error
     given = [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})]
     chosen = scenario_of(scenario, given)
     still = NO_NOISE | ({"plant.servo.vibration": 0} if chosen.plant.servo.vibration_wander else {})
@@ -355,6 +365,74 @@ def drive_fmu(kind: str, file: str | Path, *, reporter: Reporter | None = None) 
     return path
 
 
+def controller_fmu(
+    scenario: str | Path,
+    file: str | Path,
+    settings: Settings = (),
+    *,
+    fmi: int = 2,
+    real: str = "double",
+    reference_inputs: bool = False,
+    reporter: Reporter | None = None,
+    **changes: Unpack[Changes],
+) -> Path:
+    """Write the controller of a scenario as an FMU for co-simulation; needs ``casadi``.
+
+    Within is exactly the C source of ``controller_source``. Inputs are what a rig measures, outputs
+    plate rates in rad/s. Step it before the rig: a step from a time t gives the commands from t on.
+    ``ballplate export circle controller.fmu --controller`` does the same.
+
+    Args:
+        scenario: A shipped scenario, one of ``scenarios()``, or a TOML file.
+        file: The file, its ending ``.fmu``.
+        settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
+        fmi: Version of the standard, 2 for FMI 2.0 or 3 for FMI 3.0.
+        real: Type of the controller's numbers, ``double`` or ``float``.
+        reference_inputs: Whether the desired position and its four derivatives are inputs, in place
+            of the scenario's reference.
+        reporter: Receives the reason why there is no binary in it.
+        changes: What is changed of it, by tables.
+
+    Returns:
+        The file.
+
+    Raises:
+        TwinError: If there is no such scenario, its controller has no form in C, CasADi is lacking,
+            or the file cannot be written.
+
+    Examples:
+        >>> import zipfile
+        >>> import ballplate as bp
+        >>> file = bp.controller_fmu("hold", "controller.fmu", duration=0.2)
+        >>> "sources/controller.c" in zipfile.ZipFile(file).namelist()
+        True
+    """
+    path = _check_ending(file)
+    chosen = _with_symbols(scenario, changes_of(settings, changes), real, "controller_fmu")
+    from twin.fmu.controller import export_fmu
+
+    lacking = export_fmu(path, chosen, fmi=fmi, real=real, reference_inputs=reference_inputs)
+    if lacking:
+        (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
+    return path
+
+
+def _with_symbols(
+    scenario: str | Path, changes: Sequence[KeyChange], real: str, wanted_by: str
+) -> Scenario:
+    """A scenario of which the controller can be exported, CasADi being installed.
+
+    Raises:
+        TwinError: If there is no such scenario or type of numbers, or CasADi is lacking.
+    """
+    if real not in {"double", "float"}:
+        raise TwinError(f"real: must be double or float, got {real!r}")
+    chosen = scenario_of(scenario, changes)
+    with extra("casadi", wanted_by):
+        import casadi  # noqa: F401
+    return chosen
+
+
 def controller_source(
     scenario: str | Path,
     file: str | Path,
@@ -393,11 +471,7 @@ def controller_source(
     path = Path(file)
     if path.suffix != ".c":
         raise RecordError(f"{path}: a controller's file must end in .c")
-    if real not in {"double", "float"}:
-        raise TwinError(f"real: must be double or float, got {real!r}")
-    chosen = scenario_of(scenario, changes_of(settings, changes))
-    with extra("casadi", "controller_source"):
-        import casadi  # noqa: F401
+    chosen = _with_symbols(scenario, changes_of(settings, changes), real, "controller_source")
     from twin.run.controller_source import export
 
     return export(path, chosen, real=real)

@@ -42,7 +42,7 @@ PYTHON_LABEL = "Python"
 WORTH_PROCESS = 5.0
 """Simulated seconds from which a process of its own saves time."""
 Attach = Callable[["Recorder"], None]
-"""Is given the recorder before the run, to observe it."""
+"""Called with the recorder before the run, to observe it."""
 
 
 def run(
@@ -69,7 +69,7 @@ def run(
 
     Args:
         scenario: A shipped scenario, one of ``scenarios()``, or a TOML file.
-        settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
+        settings: Changes of it, by dotted keys or as texts ``KEY=VALUE``.
         beside: Scenarios to run as well, simulated and changed alike, for table and picture.
         out: Folder to save in; see ``Result.save`` for later. A run that is interrupted leaves one
             that is finished there, and one on a rig any; it goes to the next free folder of the
@@ -113,7 +113,7 @@ def run(
         folder = free(folder)  # what was measured is not made again
     file = trace_file(trace, folder, on, report)
     keys = [each.key for each in changed]
-    kind = "mujoco" if "parameters" in keys else chosen.plant.kind  # the twin of another rig, too
+    kind = "mujoco" if "parameters" in keys else chosen.plant.kind  # the twin of a foreign rig, too
     label = PLANTS[kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
@@ -226,13 +226,15 @@ def write_trace(
     if file is None:
         yield None
         return
-    from twin.devices.akd.recording import COLUMNS, append_trace, to_row
-    from twin.devices.akd.traces import PART, seal
+    from twin.devices.akd.recording import FRAME_COLUMNS, append_trace, to_row
+    from twin.devices.akd.traces import PART_BYTES, seal
     from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess
 
-    more = append_trace, file, PART if bounded else None
-    with closing(LiveProcess(_write, more, rows=TRACE_BUFFER_FRAMES, width=len(COLUMNS))) as live:
-        put = live.take_rows(COLUMNS)
+    more = append_trace, file, PART_BYTES if bounded else None
+    with closing(
+        LiveProcess(_write, more, rows=TRACE_BUFFER_FRAMES, width=len(FRAME_COLUMNS))
+    ) as live:
+        put = live.take_rows(FRAME_COLUMNS)
         live.begun()
         try:
             yield lambda message: put(to_row(message))
@@ -306,7 +308,7 @@ EARLIER_WARNING = "the dead time is {:.0f} ms shorter than predictor.delay", 15
 
 
 def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
-    """Warn of an unstable loop, a slow observer, or a rig whose delay the cure does not assume.
+    """Warn of an unstable loop, a slow observer, or a delay that the cure does not assume.
 
     Args:
         scenario: What is to run.
@@ -362,7 +364,7 @@ def importable(scenario: Scenario) -> bool:
 
 
 def _begin_clean_run(
-    scenario: Scenario, beside: SecondProcess, reporter: Reporter
+    scenario: Scenario, helper: SecondProcess, reporter: Reporter
 ) -> Callable[[Run], Run]:
     """Begin the run of the clean model in the second process, if there is one.
 
@@ -374,14 +376,14 @@ def _begin_clean_run(
     from twin.scenario.load import clean, cut_short
 
     model = clean(scenario)
-    if beside.there:
-        result = beside.begin(finished.run, model)
-        beside.begin(finished.load_drawing)
+    if helper.there:
+        result = helper.begin(finished.run, model)
+        helper.begin(finished.load_drawing)
 
     def ended(done: Run) -> Run:
         if done.outcome != "finished":
             return one_run(cut_short(model, done.end), CLEAN_LABEL, reporter, path=False)
-        if not beside.there:
+        if not helper.there:
             return one_run(model, CLEAN_LABEL, reporter, path=False)
         warn_of_dangers(model, reporter)
         with reporter.progress(CLEAN_LABEL, model.duration):
@@ -394,7 +396,7 @@ EMULATED_RIG = "emulated"
 """The word for the virtual rig in place of a rig file."""
 WRITE_INTERVAL_S = 0.25
 """Seconds from one writing of what has been recorded to the next."""
-MOST = 2000
+ROWS_AT_A_TIME = 2000
 """Rows written at a time, so that one sees a writer that is behind go on."""
 SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
 """Beginnings of the keys that describe a simulated rig and mean nothing to a real one."""
@@ -608,7 +610,7 @@ def _write(buffer: tuple[int, int, str], into: Callable[..., Any], *more: Any) -
     step_back(EVIDENCE_NICENESS)
     with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
         append = None
-        for block in ring.blocks(WRITE_INTERVAL_S, MOST):
+        for block in ring.blocks(WRITE_INTERVAL_S, ROWS_AT_A_TIME):
             if block and len(block["time"]):
                 append = append or end.enter_context(into([*block], *more))
                 append(block)

@@ -27,7 +27,7 @@ SMOOTHING_SPEED_M_S = 0.002
 
 
 class Delayed(NamedTuple):
-    """A rig whose ball is seen n control periods late, the inputs since then as states.
+    """A rig with a ball that is seen n control periods late, and the inputs since then as states.
 
     Attributes:
         periods: n, dead time in whole control periods, to the nearest.

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.comparing import carried_out, cases_of
-from ballplate.reporter import Reporter, default, png, showable, writable
+from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
 from twin.base.errors import LawError, ScenarioError, nearest
 from twin.base.page import Picture, Table, Text, fragment
 from twin.base.shipped import find
 from twin.base.writing import write_whole
 from twin.run.files import INDICATOR_UNITS
-from twin.run.tables import LABELS, by_run
+from twin.run.tables import INDICATOR_LABELS, by_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -151,7 +151,7 @@ class Sweep:
             figure.suptitle(literal(title), fontsize=11, fontweight="bold")
             panels = figure.subplots(len(wanted), sharex=True, squeeze=False)[:, 0]
             for panel, name in zip(panels, wanted, strict=True):
-                words, unit = LABELS.get(name, (name, ""))
+                words, unit = INDICATOR_LABELS.get(name, (name, ""))
                 for index, (curve, rows) in enumerate(self.curves.items()):
                     early = np.array([row["outcome"] != "finished" for row in rows])
                     each = np.array([row.get(name) for row in rows], float)
@@ -234,6 +234,7 @@ def sweep(
     if not varied:
         raise ScenarioError("vary: name at least one key")
     report = reporter or default()
+    check_processes(processes, report)
     title = scenario_of(scenario, base, titled=False).title
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
     folder = writable(out, report)
@@ -276,7 +277,7 @@ def _none(outcome: str) -> dict[str, Any]:
 
 @dataclass(repr=False, eq=False)
 class StudyResult:
-    """What a study found; shows itself in a notebook.
+    """Result of a study; shows itself in a notebook.
 
     Attributes:
         work: Its runs, with the study as it was asked.
@@ -307,12 +308,12 @@ class StudyResult:
 
     @property
     def title(self) -> str:
-        """What it is about."""
+        """Subject of the study, in a line."""
         return self.work.study.title
 
     @property
     def sentences(self) -> list[str]:
-        """What it found, in words."""
+        """Its results, in sentences."""
         from twin.study.report import sentences
 
         return sentences(self.work.study, self.answers)
@@ -406,6 +407,7 @@ def study(
     from twin.study.report import answers
 
     report = reporter or default()
+    check_processes(processes, report)
     work = work_of(name if isinstance(name, Mapping) else str(name), keys)
     folder = writable(out, report)
     store = Store(folder)
@@ -445,7 +447,7 @@ def family(
 
     Raises:
         ScenarioError: If there is no such family or scenario, or anything in it, the number of
-            rigs or that of the draw is unknown or out of range.
+            rigs or the number of the draw is unknown or out of range.
 
     Examples:
         >>> import ballplate as bp

@@ -1,8 +1,8 @@
 """The packages of this installation are those that lie together, whatever else has their names.
 
-Python looks in the current folder first, and another package called ``twin`` or ``controllers`` may
-lie there. Once ``twin`` is imported these names are ours, wherever it is imported from. It is the
-first import of every program, and so imports little itself.
+Python looks in the current folder first, and a foreign package called ``twin`` or ``controllers``
+may lie there. Once ``twin`` is imported these names are ours, wherever it is imported from. It is
+the first import of every program, and so imports little itself.
 """
 
 # ruff: noqa: PTH113, PTH118, PTH120 - pathlib takes longer than all the rest
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 SOURCES = dirname(dirname(realpath(__file__)))
-HOMES = (SOURCES, dirname(SOURCES))
+PACKAGE_FOLDERS = (SOURCES, dirname(SOURCES))
 """Where packages of ours lie: installed, all in one folder; in a checkout this one is in src/."""
-NAMES = ("ballplate", "controllers", "twin")
+PACKAGE_NAMES = ("ballplate", "controllers", "twin")
 
 
 class OwnPackages:
-    """Finds our packages beside this file, before ``sys.path`` is asked."""
+    """Finds our packages in the folder of this file, before ``sys.path`` is searched."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """That of one of our packages; None leaves the name to others."""
-        folders = [join(home, name) for home in HOMES] if name in NAMES else []
+        """The spec of one of our packages; None leaves the name to other finders."""
+        folders = [join(home, name) for home in PACKAGE_FOLDERS] if name in PACKAGE_NAMES else []
         for folder in folders:
             if isfile(first := join(folder, "__init__.py")):
                 return spec_from_file_location(name, first, submodule_search_locations=[folder])

@@ -9,6 +9,8 @@ import ballplate as bp
 
 DOCUMENTED = {"ballplate": bp} | {name: getattr(bp, name) for name in bp.__all__}
 """The package and its public names, each with a docstring."""
+LONG = {"identify", "Identified"}
+"""Those with examples that fit a twin to a log of 10 s."""
 
 
 def examples_of(name):
@@ -17,7 +19,10 @@ def examples_of(name):
     return doctest.DocTestParser().get_doctest(text, {"__name__": "__main__"}, name, None, None)
 
 
-@pytest.mark.parametrize("name", DOCUMENTED)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(each, marks=pytest.mark.long if each in LONG else ()) for each in DOCUMENTED],
+)
 def test_the_examples_of_a_public_name_give_what_its_docstring_shows(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found, lines = examples_of(name), []

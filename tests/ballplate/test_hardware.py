@@ -32,7 +32,7 @@ from twin.run.connect import ComputingTime
 from twin.run.finished import run
 from twin.scenario.load import load
 
-pytestmark = pytest.mark.usefixtures("no_pictures")
+pytestmark = pytest.mark.usefixtures("no_pictures", "quick_pictures")
 
 
 class Heard(Reporter):

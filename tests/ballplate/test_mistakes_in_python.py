@@ -24,6 +24,13 @@ def env(**how):
     return lambda: gymnasium.make_vec("ballplate.gym:ballplate/Step-v0", 2, **how)
 
 
+def on_processes(count):
+    """What takes a number of processes."""
+    yield lambda: bp.compare("hold", processes=count)
+    yield lambda: bp.sweep("hold", {"seed": [1, 2]}, processes=count)
+    yield lambda: bp.study("friction", processes=count)
+
+
 def heavy():
     return bp.model("circle", plant={"ball": {"mass": 0.1}})
 
@@ -87,6 +94,14 @@ CALLS = {
         lambda: bp.rig("hold", count=0),
         lambda: bp.rig("hold", count="3"),
         lambda: bp.rig("hold", count=2.5),
+    ],
+    "processes: must be a whole number of at least 1, got": [
+        call for count in ("x", 0, -1, 2.5, [1]) for call in on_processes(count)
+    ],
+    "out: must be a path, got 3": [
+        lambda: bp.run("hold", out=3),
+        lambda: bp.compare("hold", out=3),
+        lambda: bp.study("friction", out=3),
     ],
     "name at least one": [lambda: bp.rig([])],
     "has no linearisation": [lambda: bp.systems.law("circle", controller="sliding_mode")],

@@ -35,9 +35,13 @@ LAWS = {
     "sliding_mode": "luenberger",
 }
 """Each law, with one of the observers."""
+SHORT = ("lqr", "feedforward", "pid", "afl")
+"""Laws by which every observer is exported once."""
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    "law", [pytest.param(each, marks=() if each in SHORT else pytest.mark.long) for each in LAWS]
+)
 def test_a_law_in_c_commands_what_it_commands_in_python(law, tmp_path):
     chosen = scenario(controller__kind=law, observer__kind=LAWS[law], duration=0.6)
     passed, difference = replayed(compiled(export(tmp_path / "plate.c", chosen)))

@@ -26,7 +26,7 @@ from twin.run.finished import open_run
 from twin.scenario.load import load
 from twin.view.html import html
 
-pytestmark = pytest.mark.usefixtures("no_pictures")
+pytestmark = pytest.mark.usefixtures("no_pictures", "quick_pictures")
 
 
 class Warned(Reporter):
@@ -136,6 +136,19 @@ def test_checksums_that_are_damaged_and_a_part_too_many_are_told(tmp_path, name,
     seal(tmp_path / "trace.log")
     (tmp_path / name).write_bytes(content)
     assert read_trace(tmp_path / "trace.log").remarks[0].startswith(said)
+
+
+def test_a_line_of_checksums_that_is_damaged_beside_a_good_one_is_told(tmp_path):
+    file = tmp_path / "trace.log"
+    with closing(TraceWriter(file, "can0", part=1500)) as writer:
+        writer.write(map(frame, range(200)))
+    seal(file)
+    sums = tmp_path / "trace.sha256"
+    first, *others = sums.read_text().splitlines(keepends=True)
+    sums.write_text("".join([first, *(f"x{each}" for each in others)]))
+    for part in parts(file)[1:]:
+        part.unlink()
+    assert read_trace(file).remarks[0].startswith("trace.sha256: is damaged")
 
 
 def test_report_says_that_a_trace_was_damaged_since(tmp_path, ballplate):

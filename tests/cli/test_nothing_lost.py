@@ -16,7 +16,7 @@ import pytest
 import ballplate as bp
 from ballplate import comparing
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.writing import _locked, written_alone
+from twin.base.writing import _lock, written_alone
 from twin.emulator import serve
 from twin.play.serve import Simulation
 from twin.run import loop
@@ -148,7 +148,7 @@ def test_a_lock_that_its_holder_removes_meanwhile_is_taken_anew(tmp_path):
         if len(calls) == 1:  # who held it ends just now
             (tmp_path / ".lock").unlink()
 
-    os.close(_locked(tmp_path / ".lock", 0, lock))
+    os.close(_lock(tmp_path / ".lock", 0, lock))
     assert len(calls) == 2
     assert (tmp_path / ".lock").exists()
 

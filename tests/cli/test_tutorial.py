@@ -17,11 +17,12 @@ from twin.scenario import load
 ROOT = Path(__file__).parents[2]
 PAGES = {
     name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("bus-node", "tutorial", "from-matlab", "simulink")
+    for name in ("bus-node", "controller-fmu", "tutorial", "from-matlab", "simulink")
 }
 BEFORE = ["pip install uv", "uv sync", "source .venv/bin/activate"]
 """What the tutorial has typed in a shell before the first command."""
 LAW = Path("laws/mine.py")
+EXAMPLE = "python examples/"
 WIRE = "--rig emulated"
 """What takes its time by the clock, and prints other last digits each time."""
 PARTS = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -33,7 +34,7 @@ def commands(text):
         line for kind, block in PARTS.findall(text) if kind == "sh" for line in block.split("\n")
     ]
     typed = [line for line in lines if line and line not in BEFORE]
-    assert all(line.startswith("ballplate ") for line in typed)
+    assert all(line.startswith(("ballplate ", EXAMPLE)) for line in typed)
     return [line.removeprefix("ballplate ") for line in typed]
 
 
@@ -52,7 +53,10 @@ def typed(arguments):
 
 
 def ballplate(line):
-    """What ``ballplate`` prints."""
+    """What ``ballplate`` prints, or an example's program."""
+    if line.startswith(EXAMPLE):
+        program, *words = line.removeprefix("python ").split()
+        return typed([sys.executable, str(ROOT / program), *words])
     program = "import shlex, sys; from twin.cli import main; main(shlex.split(sys.argv[1]))"
     return typed([sys.executable, "-c", program, line])
 
@@ -177,6 +181,12 @@ def test_the_page_about_simulink_does_what_it_says(tmp_path, monkeypatch):
 def test_the_page_about_a_drive_on_a_simulated_bus_does_what_it_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     walked(PAGES["bus-node"])
+
+
+@pytest.mark.long
+def test_the_page_about_a_controller_as_an_fmu_does_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    walked(PAGES["controller-fmu"])
 
 
 @pytest.mark.long

@@ -342,6 +342,7 @@ def test_the_map_is_found_where_the_ball_has_been(learnt):
     assert wrong < 0.5 * np.sqrt(((truth - truth.mean(axis=0)) ** 2).mean())
 
 
+@pytest.mark.long
 def test_friction_and_its_spread_are_those_of_the_place(learnt):
     observer, world, *_ = learnt
     found = known(observer)
@@ -375,6 +376,7 @@ class Cambered(World):
         return out
 
 
+@pytest.mark.long
 def test_the_camber_of_a_plate_is_found_and_the_disturbance_is_that_of_the_place():
     walk = (0.003, 0.003, 0.001, 0.0002)
     # an error of the tilt gain looks like a camber at one speed: here it is known
@@ -522,8 +524,15 @@ def alike(found, truth):
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9 * np.abs(truth).max())
 
 
-@pytest.mark.parametrize("rigs", [1, 3])
-@pytest.mark.parametrize("camber", [0.0, 0.3])
+@pytest.mark.parametrize(
+    ("camber", "rigs"),
+    [
+        (0.0, 1),
+        (0.3, 3),
+        pytest.param(0.0, 3, marks=pytest.mark.long),
+        pytest.param(0.3, 1, marks=pytest.mark.long),
+    ],
+)
 def test_estimate_and_covariance_are_those_of_a_textbook_filter_in_full_matrices(camber, rigs):
     observer = FrictionMapKalman(camber_spread=camber, **COARSE)
     world = World(FrictionMapKalman(**COARSE), rigs=rigs)

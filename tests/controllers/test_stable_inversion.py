@@ -161,7 +161,10 @@ def test_a_plate_that_turns_faster_than_told_counts_as_told_so_while_the_ball_go
     np.testing.assert_allclose(told, faster if goes_on else plain, rtol=1e-2)
 
 
-@pytest.mark.parametrize(("told", "found"), [(0.0, 0.0), (0.0, 0.02), (LAG, 0.0)])
+@pytest.mark.parametrize(
+    ("told", "found"),
+    [(0.0, 0.02), *(pytest.param(lag, 0.0, marks=pytest.mark.long) for lag in (0.0, LAG))],
+)
 def test_a_ball_that_goes_on_has_the_weights_of_the_law_and_any_other_those_of_a_slow_one(
     told, found
 ):

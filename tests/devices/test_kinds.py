@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twin.base.errors import ScenarioError
-from twin.devices.kinds import DEFAULT_KINDS, SHIPPED, find_kind
+from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, find_kind
 from twin.run.connect import connect
 from twin.scenario import load
 from twin.scenario.rig import RigFile, check_rig, read_rig
@@ -125,7 +125,11 @@ def test_a_file_that_names_no_kind_has_akd_drives_and_a_lumio_screen():
     assert {role: each.name for role, each in file.kinds.items()} == DEFAULT_KINDS
     named = check_rig({"drives": {"kind": "akd"}, "touch": {"kind": "lumio", **TOUCH}}, "rig.toml")
     assert named.fingerprint == file.fingerprint == "81f590199d32a4ef"  # as before there were kinds
-    assert set(SHIPPED) == {"drives", "touch"}
+    own = check_rig({"backend": "no_file.py:A"}, "rig.toml")
+    assert own.fingerprint == "cd4274d964deccce"
+    slow = check_rig({"drives": {"shaft_lag": 0.1}, "touch": TOUCH}, "rig.toml")
+    assert slow.fingerprint != file.fingerprint
+    assert set(SHIPPED_KINDS) == {"drives", "touch"}
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,9 @@ def carried_out(rig, scenario, act=lambda rig: None):
     return outcome, record, np.array(seen), begun[0] if begun else None
 
 
-@pytest.mark.parametrize("kind", [AkdWithCamera, OwnWithLumio])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(AkdWithCamera, marks=pytest.mark.long), OwnWithLumio]
+)
 def test_a_mixed_rig_runs_whole_and_ends_level_without_torque(kind, scenario):
     chosen = scenario(*CIRCLE)
     rig = kind(chosen)
@@ -121,7 +123,13 @@ def torque(rig):
     return any(drive.enabled for drive in rig.lockstep.drives)
 
 
-@pytest.mark.parametrize("row", ROWS)
+LONG = {"camera reports", "camera silent"}
+"""Rows that differ from a camera that fails in the reason alone."""
+
+
+@pytest.mark.parametrize(
+    "row", [pytest.param(each, marks=pytest.mark.long if each in LONG else ()) for each in ROWS]
+)
 def test_a_fault_of_one_device_is_detected_in_time_and_leaves_the_plate_safe(row, scenario):
     kind, act, condition, more = ROWS[row]
     chosen = scenario(*CIRCLE)

@@ -22,13 +22,13 @@ import ballplate as bp
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.own import (
     ASTRAY,
-    DIRECTION,
+    DIRECTION_TEST,
     FAILED,
     FROZEN,
     LACKING,
     OWN_CONDITIONS,
     REPORTED,
-    SCALE,
+    SCALE_TEST,
     SCREEN_FAILED,
     SCREEN_REPORTED,
     SILENT,
@@ -237,11 +237,11 @@ def test_a_scale_is_found_behind_delay_and_lag(gain, delay, lag):
     commanded = np.radians(5.0) * np.sin(omega * time)
     behind = np.sin(omega * (time - delay) - np.arctan(omega * lag)) / np.hypot(1, omega * lag)
     measured = gain * np.radians(5.0) * behind
-    found = SCALE.gain(commanded[-300:], measured[-300:], period)
+    found = SCALE_TEST.gain(commanded[-300:], measured[-300:], period)
     assert found == pytest.approx(gain, rel=0.12)
     noise = np.radians(3.0) * np.random.default_rng(1).standard_normal(300)
-    assert SCALE.gain(commanded[-300:], noise, period) is None
-    assert SCALE.gain(0.1 * commanded[-300:], measured[-300:], period) is None
+    assert SCALE_TEST.gain(commanded[-300:], noise, period) is None
+    assert SCALE_TEST.gain(0.1 * commanded[-300:], measured[-300:], period) is None
 
 
 @pytest.mark.parametrize(("lag", "late"), [(0.004, 0.0), (0.08, 0.0), (0.04, 0.1)])
@@ -269,8 +269,8 @@ def test_a_direction_is_wrong_only_where_no_delay_explains_it(hertz, delay, sign
     time = 0.002 * np.arange(300)
     commanded = np.radians(5.0) * np.sin(2 * np.pi * hertz * time)
     measured = sign * np.radians(5.0) * np.sin(2 * np.pi * hertz * (time - delay))
-    assert DIRECTION.opposite(commanded, measured, 0.002) == opposite
-    assert not DIRECTION.opposite(0.1 * commanded, 0.1 * measured, 0.002)
+    assert DIRECTION_TEST.opposite(commanded, measured, 0.002) == opposite
+    assert not DIRECTION_TEST.opposite(0.1 * commanded, 0.1 * measured, 0.002)
 
 
 def test_own_hardware_is_never_commanded_what_is_no_number(scenario):
@@ -332,6 +332,31 @@ def test_a_law_brings_the_ball_of_another_rig_to_its_set_point(scenario):
     recorder = Recorder(round(chosen.duration / rig.period), 1, rig.period)
     drive(rig, controller, chosen.duration, recorder)
     assert hardware.board.ball == pytest.approx([0.05, -0.03], abs=0.001)
+
+
+class CountedError(OSError):
+    """Counts how often its words are asked for."""
+
+    count = 0
+
+    def __str__(self):
+        CountedError.count += 1
+        return "cable gone"
+
+
+def test_the_words_of_a_fault_that_lasts_are_found_once(scenario):
+    hardware = VirtualBoard()
+
+    def broken():
+        raise CountedError
+
+    with own_rig(hardware, scenario()) as rig:
+        hardware.measure = broken
+        turned(rig, rig.period)
+        once = CountedError.count
+        turned(rig, 0.1)
+        assert CountedError.count == once > 0
+    assert any("cable gone" in each.note.text for each in rig.journal)
 
 
 HEAD = "from ballplate.hardware import Hardware, Reading\n"

@@ -9,7 +9,7 @@ import pytest
 
 from twin.base.errors import RigError
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.control import WORDS, BusControl, ControlError, control_socket
+from twin.emulator.control import CONTROL_COMMANDS, BusControl, ControlError, control_socket
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
 from twin.emulator.load import InertiaLoad
@@ -141,7 +141,7 @@ def test_a_line_that_cannot_be_obeyed_is_answered_in_one_line(obey, line, words)
 
 def test_every_word_that_is_listed_is_known(obey):
     refused = []
-    for each in WORDS:
+    for each in CONTROL_COMMANDS:
         try:
             obey(each)
         except ControlError as error:
@@ -152,7 +152,7 @@ def test_every_word_that_is_listed_is_known(obey):
 def test_every_word_is_described():
     page = Path(__file__).parents[2] / "docs" / "wire.md"
     text = page.read_text(encoding="utf-8")
-    assert [each for each in WORDS if f"`{each.split()[0]}" not in text] == []
+    assert [each for each in CONTROL_COMMANDS if f"`{each.split()[0]}" not in text] == []
 
 
 @NEEDS_SOCKETS

@@ -86,7 +86,7 @@ def test_a_rig_obeys_lines_about_its_plate_and_about_its_drives(scenario):
         ("--drive cia402 --write x.toml", "--write: this program's host drives AKD only"),
         ("--bus udp_multicast --write x.toml", "and not over udp_multicast"),
         ("--drive cia402 --mechanism inertia --bus virtual:a --control /no/x", "cannot be made"),
-        ("--drive akd --eds x.eds", "--eds: is of --drive cia402"),
+        ("--drive akd --eds x.eds", "--eds: belongs to --drive cia402"),
     ],
 )
 def test_options_that_cannot_be_are_refused_in_one_line(options, words, tmp_path, monkeypatch):
@@ -109,6 +109,7 @@ def test_the_eds_is_written_without_serving(tmp_path):
 SERVE = "import sys; from twin.cli import main; raise SystemExit(main())"
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="no Unix sockets in Python here")
 def test_a_foreign_master_drives_the_command_over_its_pty_and_a_socket_brings_faults(tmp_path):

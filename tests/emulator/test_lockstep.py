@@ -2,6 +2,7 @@
 
 The rig of the hardware on emulated devices in bus time: the same loop, every byte."""
 
+from dataclasses import replace
 from types import MethodType
 
 import numpy as np
@@ -20,10 +21,11 @@ from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.scenario import load
+from twin.scenario.rig import check_rig
 
 
-def tracked(chosen, config=None):
-    rig, controller = LockstepRig(chosen, config=config), build_controller(chosen)
+def tracked(chosen, config=None, rig=None):
+    rig, controller = rig or LockstepRig(chosen, config=config), build_controller(chosen)
     record = Recorder(round(chosen.duration / rig.period), 1, rig.period)
     (outcome,) = drive(rig, controller, chosen.duration, record)
     return rig, record, outcome
@@ -52,6 +54,36 @@ def test_the_emulated_screen_sees_what_the_scenarios_sees_and_as_often():
         slower.step(0.001 * tick)
     assert looked.count(1) == pytest.approx(25, abs=4 * np.sqrt(50 * 0.5 * 0.5))
     assert looked.count(0) == pytest.approx(2 / FRAME_INTERVAL_S, abs=2)
+
+
+@pytest.mark.parametrize("protocol", [Protocol.HID_0006, Protocol.HID_TIMED])
+def test_a_screen_on_usb_is_no_flooded_line(protocol, scenario):
+    rig = LockstepRig(scenario("plant.kind=lagrange"), protocol=protocol)
+    with rig:
+        rig.start()
+        for _ in range(200):
+            rig.read()
+            rig.write(np.zeros((1, 2)))
+            rig.wait()
+    assert [note.text for _, note in rig.journal] == []
+
+
+def test_what_a_virtual_rig_tells_its_host_of_slow_servos_and_lost_frames():
+    def tables(*settings):
+        chosen = load("circle", settings)
+        with VirtualRig(chosen) as virtual:
+            return virtual.tables(), virtual.plant
+
+    told, plant = tables("parameters=three_legs")
+    assert told["drives"]["shaft_lag"] == pytest.approx(1 / (2 * np.pi * 1.45))
+    line = plant.screen_line(lambda: ((0.0, 0.0),), Protocol.MICROTOUCH)
+    times = [0.005 * n for n in range(30_000) if line.step(0.005 * n)]
+    gap = np.diff(times).max()
+    assert 0.1 < gap < plant.longest_gap == told["touch"]["gate"]["stale"] < 0.4
+    assert told["touch"]["gate"]["lost"] == pytest.approx(plant.longest_gap + 0.04)
+    usual = tables()[0]
+    assert usual["drives"]["shaft_lag"] == 0.0
+    assert usual["touch"]["gate"] == {"stale": 0.06, "lost": 0.1}
 
 
 @pytest.mark.long
@@ -101,6 +133,41 @@ def test_a_dead_band_of_the_servos_is_no_frozen_motor_on_an_emulated_rig():
     )
     outcome = tracked(chosen, AkdConfig(watch=MonitorConfig(travel=told)))[2]
     assert outcome.ending is Ending.FINISHED
+
+
+def as_served(chosen, protocol=Protocol.MICROTOUCH):
+    """A rig in bus time with the host's settings of the rig file that a virtual rig writes."""
+    with VirtualRig(chosen, protocol) as virtual:
+        file = check_rig(virtual.tables(), "virtual")
+    config = replace(file.servos(chosen.rig.period), silence=0.06)
+    return LockstepRig(chosen, config=config, touch=file.screen(), protocol=protocol)
+
+
+HEALTHY = {
+    "slow servos": ("circle", "parameters=hobby", "reference.amplitude=0.08", "duration=8"),
+    "slow servos, fast": ("circle", "parameters=hobby", "reference.amplitude=0.08", "duration=8",
+                          "rig.period=0.001"),
+    "frames are lost": ("cure", "parameters=three_legs", "reference.amplitude=0.05", "duration=10"),
+    "servo of 1 Hz": ("circle", "plant.servo.bandwidth_hz=1.0", "rig.plate_lag=0.16",
+                      "controller.kind=lqr", "reference.omega=0.4", "duration=6"),
+    "servo of 0.1 s": ("circle", "plant.servo.dead_time=0.1", "reference.omega=0.4", "duration=6"),
+    "rods": ("circle", "parameters=course", "reference.amplitude=0.06", "rig.period=0.004",
+             "duration=6"),
+    "few frames": ("hold", "sensors.touch.frame_rate=8", "sensors.touch.variance=[0,0]",
+                   "controller.rho=30", "duration=6"),
+    "play": ("step", "plant.servo.backlash_deg=0.5", "duration=5"),
+}  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", HEALTHY)
+def test_a_healthy_rig_with_the_rig_file_of_a_virtual_one_raises_no_alarm(name):
+    scenario, *settings = HEALTHY[name]
+    kind = () if "parameters" in settings[0] else ("plant.kind=lagrange",)
+    chosen = load(scenario, (*settings, *kind))
+    rig, _, outcome = tracked(chosen, rig=as_served(chosen))
+    assert outcome.ending is Ending.FINISHED, outcome.reason
+    assert [note.text for _, note in rig.journal] == []
 
 
 def true_error_percent(chosen, missing=0.0):

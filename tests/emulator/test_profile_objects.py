@@ -22,7 +22,7 @@ LENGTH, RANGE, NOT_NOW = 0x06070010, 0x06090030, 0x08000022
 EMPTY = {(0x1003, sub): 0x08000024 for sub in range(1, 9)}
 """Error fields without an error have no value (CiA 301)."""
 SIGNED = {1: "<b", 2: "<h", 4: "<i"}
-INVALID = 1 << 31
+COB_ID_INVALID = 1 << 31
 
 
 def text(key):
@@ -152,7 +152,7 @@ def test_values_within_a_range_that_mean_nothing_are_refused(network, index, val
 
 @pytest.mark.parametrize("identifier", [0x000, 0x07F, 0x101, 0x580 + NODE, 0x600 + NODE, 0x701])
 def test_a_pdo_cannot_have_the_identifier_of_another_service(network, identifier):
-    assert download(network, (0x1800, 1), struct.pack("<I", INVALID | identifier)) == RANGE
+    assert download(network, (0x1800, 1), struct.pack("<I", COB_ID_INVALID | identifier)) == RANGE
 
 
 def test_a_name_comes_in_segments(network):
@@ -215,7 +215,7 @@ def test_a_mapping_changes_only_while_its_pdo_is_off(network):
     entry = struct.pack("<I", 0x60640020)
     assert download(network, (0x1A00, 1), entry) == NOT_NOW
     assert download(network, (0x1A00, 0), b"\0") == NOT_NOW
-    assert download(network, (0x1800, 1), struct.pack("<I", INVALID | 0x180 + NODE)) == 0
+    assert download(network, (0x1800, 1), struct.pack("<I", COB_ID_INVALID | 0x180 + NODE)) == 0
     assert download(network, (0x1A00, 1), entry) == NOT_NOW  # its count is not 0 yet
     assert download(network, (0x1A00, 0), b"\0") == 0
     assert download(network, (0x1A00, 1), entry) == 0
@@ -229,7 +229,7 @@ def test_a_mapping_changes_only_while_its_pdo_is_off(network):
 
 def test_an_inhibit_time_changes_only_while_its_pdo_is_off(network):
     assert download(network, (0x1800, 3), struct.pack("<H", 50)) == NOT_NOW
-    assert download(network, (0x1800, 1), struct.pack("<I", INVALID | 0x180 + NODE)) == 0
+    assert download(network, (0x1800, 1), struct.pack("<I", COB_ID_INVALID | 0x180 + NODE)) == 0
     assert download(network, (0x1800, 3), struct.pack("<H", 50)) == 0
 
 
@@ -278,7 +278,7 @@ def test_a_remote_request_is_answered_where_bit_30_allows_it(network):
     before = len(sent(network, 0x180 + NODE))
     network.send_message(0x180 + NODE, b"", remote=True)
     assert len(sent(network, 0x180 + NODE)) == before
-    assert download(network, (0x1800, 1), struct.pack("<I", INVALID | 0x180 + NODE)) == 0
+    assert download(network, (0x1800, 1), struct.pack("<I", COB_ID_INVALID | 0x180 + NODE)) == 0
     assert download(network, (0x1800, 1), struct.pack("<I", 0x180 + NODE)) == 0
     network.run(0.1)
     before = len(sent(network, 0x180 + NODE))
@@ -330,7 +330,7 @@ def test_a_stopped_node_answers_no_sdo(network):
 
 def test_emergencies_have_the_identifier_of_1014h_or_are_off(network):
     drive = network.drives[0]
-    for cob_id, expected in ((0x0B5, [0x0B5]), (INVALID | 0x085, [])):
+    for cob_id, expected in ((0x0B5, [0x0B5]), (COB_ID_INVALID | 0x085, [])):
         assert download(network, (0x1014, 0), struct.pack("<I", cob_id)) == 0
         network.heard.clear()
         drive.fail(0x4310)

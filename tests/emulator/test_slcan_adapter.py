@@ -65,7 +65,7 @@ def port(bus):
 @pytest.fixture(autouse=True)
 def brief_farewell(monkeypatch):
     """Drives that do not hear any more are not waited for as long as on a rig."""
-    monkeypatch.setattr("twin.devices.akd.servos.SHUTDOWN", 0.1)
+    monkeypatch.setattr("twin.devices.akd.servos.SHUTDOWN_STEP_LIMIT_S", 0.1)
 
 
 def config(port, **changes):

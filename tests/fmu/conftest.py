@@ -15,6 +15,9 @@ from ballplate.rigs import fmu as export
 from twin.fmu.export import frame_phase, variables
 from twin.hal.interface import Touch
 from twin.run.assemble import build_limits
+from twin.run.loop import drive
+from twin.run.metrics import Ending
+from twin.run.record import Recorder
 from twin.sim.rig import SimulatedRig
 
 sys.modules["c_rig"] = sys.modules[__name__]  # by which name the tests beside import from it
@@ -229,6 +232,15 @@ def behind_the_seam(rig, scenario):
         CDevices(rig), transmission=FixedRatio(), limits=build_limits(scenario),
         period=scenario.rig.period,
     )  # fmt: skip
+
+
+def followed(rig, controller, scenario):
+    """The true states of a run, shape (ticks, 8)."""
+    ticks = round(scenario.duration / scenario.rig.period)
+    recorder = Recorder(ticks, 1, scenario.rig.period, rig.channels, controller.observer.knows)
+    (outcome,) = drive(rig, controller, scenario.duration, recorder)
+    assert outcome.ending is Ending.FINISHED
+    return recorder["state"][:, 0]
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@
 
 #include "drive.h"
 #include "fmi3.h"
+#include "variables.h"
 
 enum { RX_DATA = VARIABLES, TX_DATA, RX_CLOCK, TX_CLOCK, ROUNDS = 20000 };
 

@@ -699,6 +699,8 @@ def test_every_variable_is_on_the_page_about_it(drive):
     ("arguments", "line"),
     [
         (["akd", "drive.csv", "--bus"], "an FMU's file must end in .fmu"),
+        (["akd", "drive.fmu"], "a drive, not a scenario; to export it: ballplate export akd drive"),
+        (["akd", "drive.fmu"], "drive.fmu --bus"),
         (["adk", "drive.fmu", "--bus"], "adk: no drive that can be exported; did you mean 'akd'?"),
         (["akd", "drive.fmu", "--bus", "--fmi", "3"], "--bus, is exported without any other"),
         (["akd", "drive.fmu", "--bus", "--set", "a=1"], "--bus, is exported without any other"),

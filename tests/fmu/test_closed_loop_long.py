@@ -2,21 +2,9 @@
 
 import numpy as np
 import pytest
-from c_rig import CRig, behind_the_seam, counted, exact, made
+from c_rig import CRig, behind_the_seam, counted, exact, followed, made
 
 from twin.run.assemble import assemble, build_controller
-from twin.run.loop import drive
-from twin.run.metrics import Ending
-from twin.run.record import Recorder
-
-
-def followed(rig, controller, scenario):
-    """The true states of a run, shape (ticks, 8)."""
-    ticks = round(scenario.duration / scenario.rig.period)
-    recorder = Recorder(ticks, 1, scenario.rig.period, rig.channels, controller.observer.knows)
-    (outcome,) = drive(rig, controller, scenario.duration, recorder)
-    assert outcome.ending is Ending.FINISHED
-    return recorder["state"][:, 0]
 
 
 @pytest.mark.long

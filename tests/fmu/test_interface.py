@@ -201,7 +201,7 @@ def test_what_cannot_be_done_is_said_in_a_line(library):
         "rig.period cannot be set",
         "plant.start.x can be set before the first step only",
         "a step of 0.003 s is no multiple of the control period, rig.period",
-        "a step from 0.5 s, but this rig is at 0 s",
+        "a step from 0.5 s, but this FMU is at 0 s",
         "a step of 0 s is no multiple of the control period, rig.period",
     ]
     assert rig.said == said
@@ -320,7 +320,7 @@ def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypat
     [
         (
             ["circle", "rig.fmu", "--fps", "2"],
-            "of an .fmu there are the options --fmi, --reference, --on and --set",
+            "of an .fmu there are the options --fmi, --reference, --controller, --real, --on",
         ),
         (
             ["circle", "rig.csv", "--fmi", "3"],
@@ -343,7 +343,7 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     source = library.parents[2] / "sources"
     shell = HERE.parents[1] / "src/twin/fmu/c/fmi2.c"
     program = tmp_path / "exercise"
-    names = ("rig.c", "instance.c", "fmi3.c", "fmi3_absent.c", "scenario.c")
+    names = ("rig.c", "instance.c", "fmi3.c", "fmi3_absent.c", "scenario.c", "variables.c")
     files = [HERE / "exercise.c", *(source / name for name in names), shell]
     flags = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wno-unused-parameter -Werror -g -O1"
     flags += " -fsanitize=address,undefined -fno-sanitize-recover=all"
@@ -367,4 +367,9 @@ def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exporte
     for i, name in enumerate(names):
         np.testing.assert_allclose(found[name], wished[i // 2, :, i % 2], rtol=0, atol=1e-12)
     assert np.ptp(found["reference_x_acc"]) > 1e-3
+    later = fmpy.simulate_fmu(
+        str(path), output=names, start_time=0.5, stop_time=0.6, output_interval=0.002
+    )
+    assert later["time"][0] == 0.5
+    np.testing.assert_allclose(later["reference_x"], found["reference_x"][250:301], atol=1e-12)
     assert not variables(exported / f"rig{fmi}.fmu").keys() & {*names}

@@ -136,6 +136,18 @@ def test_a_transmission_that_is_known_badly_is_none(scale, agrees, period):
     assert (found is None) == agrees
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_encoder_that_freezes_is_no_wrong_scale_but_has_a_condition_of_its_own(axis, period):
+    time = period * np.arange(round(1.0 / period))
+    true = np.radians([10.0, -12.0]) * time[:, None]
+    seen = true.copy()
+    seen[time > 0.5, axis] = seen[time <= 0.5, axis][-1]
+    assert compared(FixedRatio(), period, seen, true)[0] is None
+    slips = true.copy()
+    slips[time > 0.5, axis] -= 0.8 * (slips[time > 0.5, axis] - slips[time <= 0.5, axis][-1])
+    assert compared(FixedRatio(), period, slips, true)[0].condition is WRONG_RATIO
+
+
 def test_nothing_is_proven_before_both_axes_have_turned():
     true = circle(0.002)
     _, _, agreement = compared(FixedRatio(), 0.002, true * (1, 0))

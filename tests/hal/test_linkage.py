@@ -71,7 +71,7 @@ def refused_in_one_line(transmission, tilt_deg, words):
     assert "\n" not in told
 
 
-UPRIGHT = {"rod": (0.09, 0.09), "arm": (0.1, 0.1), "distance": (0.06, 0.06)}
+UPRIGHT_ORIENTATION = {"rod": (0.09, 0.09), "arm": (0.1, 0.1), "distance": (0.06, 0.06)}
 
 
 def test_an_upright_crank_of_a_long_rod_locks_where_its_length_says():
@@ -95,7 +95,7 @@ def test_an_upright_crank_of_a_long_rod_locks_where_its_length_says():
     ],
 )
 def test_lengths_that_cannot_be_are_refused_in_one_line(lengths, words):
-    refused_in_one_line(Linkage(**UPRIGHT | lengths), 15, words)
+    refused_in_one_line(Linkage(**UPRIGHT_ORIENTATION | lengths), 15, words)
 
 
 def alone(angles):

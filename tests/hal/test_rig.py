@@ -127,6 +127,29 @@ def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
     assert np.abs(true_plate(rig)).max() < np.radians(0.1)
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("kind", ["lagrange", OWN[0]])
+def test_leaving_the_rig_levels_both_axes_though_one_is_level(kind, axis, scenario):
+    rig = build(kind, scenario)
+    with rig:
+        rig.start()
+        turn(rig, both(rig, 0.1) * (np.arange(2) == axis), 100)
+    assert np.abs(true_plate(rig)).max() < np.radians(0.1)
+
+
+def test_a_rig_that_is_left_without_levelling_stands_still(scenario):
+    rig = build("lagrange", scenario)
+    rig.levelling_s = 0.0
+    with rig:
+        rig.start()
+        turn(rig, both(rig, 0.1), 50)
+    left = true_plate(rig).copy()
+    assert np.abs(left).min() > np.radians(0.2)
+    for _ in range(20):
+        rig.wait()
+    assert true_plate(rig) == pytest.approx(left, abs=1e-3)
+
+
 @pytest.mark.parametrize("rate", [-0.3, 0.3])
 def test_a_plate_that_passes_its_level_as_the_rig_is_left_is_brought_to_rest_there(rig, rate):
     with rig:
@@ -199,8 +222,17 @@ def test_the_plate_is_looked_at_again_every_20_ms_at_any_period(period, scenario
         assert len(seen) == 20
 
 
-@pytest.mark.parametrize(("dead_time", "most"), [(0.0, 0.2), (0.05, 0.2), (0.1, 0.5)])
-@pytest.mark.parametrize("on", ["hobby", "three_legs"])
+@pytest.mark.parametrize(
+    ("on", "dead_time", "most"),
+    [
+        ("hobby", 0.0, 0.2),
+        ("hobby", 0.05, 0.2),
+        ("hobby", 0.1, 0.5),
+        ("three_legs", 0.1, 0.5),
+        pytest.param("three_legs", 0.0, 0.2, marks=pytest.mark.long),
+        pytest.param("three_legs", 0.05, 0.2, marks=pytest.mark.long),
+    ],
+)
 def test_a_rig_is_left_level_with_late_drives_too(on, dead_time, most):
     late = f"plant.servo.dead_time={dead_time}"
     rig = assemble(load("circle", [f"parameters={on}", late])).rig

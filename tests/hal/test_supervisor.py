@@ -204,6 +204,59 @@ def test_a_ball_faster_than_the_limit_makes_the_rig_hold(speed, state):
     assert supervisor.state[0] == state
 
 
+def test_where_the_ball_was_before_the_rig_was_switched_off_says_nothing_of_its_speed():
+    supervisor = running()
+    for _ in range(25):
+        supervisor.watch(np.array([[0.1, 0.0, 0.0, 0.0]]), np.array([True]))
+    supervisor.handle(Event.SWITCH_OFF)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((1, 2)))
+    supervisor.handle(Event.START)
+    for _ in range(60):
+        supervisor.watch(np.array([[-0.1, 0.0, 0.0, 0.0]]), np.array([True]))
+    assert supervisor.notes == []
+
+
+def test_a_rig_that_begins_anew_among_others_has_lost_no_ball():
+    supervisor, unfelt = running(rigs=2), np.zeros(2, bool)
+    for _ in range(40):
+        supervisor.watch(np.zeros((2, 4)), unfelt)
+    supervisor.adopt(np.array([1]), running())
+    for _ in range(12):
+        supervisor.watch(np.zeros((2, 4)), unfelt)
+    assert supervisor.state.tolist() == [State.HOLDING, State.RUNNING]
+    for _ in range(40):
+        supervisor.watch(np.zeros((2, 4)), unfelt)
+    assert supervisor.state[1] == State.HOLDING
+
+
+def test_the_first_reason_stays_and_what_follows_is_noted():
+    supervisor = running()
+    for words in ("first", "second"):
+        condition = Condition("test", Severity.LEVEL, 0.0, "", "")
+        supervisor.report(Fault(condition, "device", words))
+    assert supervisor.reason == ["device: test: first"]
+    assert [each.text for each in supervisor.notes] == [
+        "device: test: first",
+        "device: test: second",
+    ]
+
+
+def test_an_encoder_that_jumps_as_levelling_begins_allows_no_tilt_beyond_that_of_braking():
+    supervisor = running()
+    felt, rate = np.array([True]), float(LIMITS.rate)
+    for degrees in (*[0.0] * 5, 5.0):
+        supervisor.watch(np.array([[0.0, np.radians(degrees), 0.0, 0.0]]), felt)
+    supervisor.handle(Event.LEVEL)
+    begun = np.radians(5.0)
+    supervisor.watch(np.array([[0.0, begun, 0.0, 0.0]]), felt)
+    way = rate * supervisor._late + rate**2 / (2 * LIMITS.acceleration)
+    most = begun + way + Supervisor.MAX_FURTHER_TILT_RAD
+    for tilt, state in ((most - 1e-6, State.HOLDING), (most + 1e-6, State.FAULT)):
+        supervisor.watch(np.array([[0.0, tilt, 0.0, 0.0]]), felt)
+        assert supervisor.state[0] == state
+
+
 @settings(max_examples=60)
 @given(WISHES, st.integers(1, 40))
 def test_whatever_is_requested_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):

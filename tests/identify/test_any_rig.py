@@ -225,6 +225,27 @@ def test_a_column_that_is_missing_or_wrong_is_named_with_what_would_do(tmp_path,
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("noise", "at", "says"),
+    [
+        (0.0, 0.03, "does not move: it stays within 0 m of one place"),
+        (0.0, 0.0, "does not move: it stays within 0 m of one place"),
+        (2e-4, 0.03, "does not move"),
+        (2e-4, 0.0, "the ball hardly moves, or tell the unit"),
+    ],
+)
+def test_of_a_ball_that_never_moves_no_other_unit_is_advised(tmp_path, noise, at, says):
+    time = 0.01 * np.arange(500)
+    place = at + noise * np.random.default_rng(0).standard_normal(500)
+    table = np.column_stack([time, place, 0.05 * np.sin(3 * time)])
+    file = tmp_path / "still.csv"
+    np.savetxt(file, table, delimiter=",", header="t,x,u", comments="")
+    columns = wanted_columns("time=t:s,measured_x=x:m,command_phi=u:rad")
+    with pytest.raises(LogError, match=says) as caught:
+        read_any(file, columns)
+    assert ("tell the unit" in str(caught.value)) == ("unit" in says)
+
+
 def test_a_unit_may_have_a_factor_and_a_ball_is_a_name_or_a_share():
     assert unit_factor("0.24deg", "rad") == pytest.approx(np.radians(0.24))
     assert unit_factor("5e-4", "m") == 5e-4
@@ -523,7 +544,7 @@ def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
         assert by_ruler["verdict"] == "given"
         assert by_ruler["value"] == pytest.approx(lever, rel=1e-6)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "Held as it was told, not fitted: lever (x), lever (y)." in page
+    assert "Held at its given value, not fitted: lever (x), lever (y)." in page
 
 
 def test_a_lever_that_is_told_is_as_far_off_as_a_ruler_whatever_the_log_prefers():
@@ -703,7 +724,7 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     found, told = of_axis(replace(log, tilt=other), ("friction",))
     assert told["gain_x"].word == NOT_IDENTIFIABLE
     assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
-    assert not any("tell the command times" in each for each in sentences(found))
+    assert not any("give the command times" in each for each in sentences(found))
     assert any("no factor on the command is advised" in each for each in sentences(found))
 
 
@@ -733,7 +754,7 @@ def test_no_factor_is_advised_of_a_gain_that_is_not_identified(gain):
 def test_the_factor_that_is_advised_of_an_identified_gain_has_its_interval():
     said = _describe_gain("y", gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1), 0.714)
     share = [-each / (0.714 * 9.81) for each in (1.9, 2.1, 1.7)]
-    assert "tell the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
+    assert "give the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
     near = _describe_gain("x", gain_of(IDENTIFIED_VERDICT, 7.0, 6.8, 7.2), 0.714)
     assert "tell the command" not in near
 

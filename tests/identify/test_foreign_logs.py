@@ -161,7 +161,7 @@ def test_a_first_row_that_is_cut_at_its_front_is_left_out_and_said(
     log = read_any(written(tmp_path, text[not header :]), told)
     assert log.axes["x"].time == pytest.approx(T[1:] - T[1])
     assert log.axes["x"].ball == pytest.approx(X[1:], abs=1e-6)
-    assert "the first one of another number of cells than the 3" in " ".join(log.notes)
+    assert "the first row left out: not the usual 3 cells" in " ".join(log.notes)
 
 
 def test_a_last_row_and_single_ones_that_are_cut_are_left_out_and_said(tmp_path):
@@ -170,7 +170,7 @@ def test_a_last_row_and_single_ones_that_are_cut_are_left_out_and_said(tmp_path)
     text[-1] = text[-1].rpartition(",")[0]
     log = read_any(written(tmp_path, text), COLUMNS)
     assert len(log.axes["x"].ball) == len(T) - 2
-    assert "2 rows of another number of cells" in " ".join(log.notes)
+    assert "2 rows left out: not the usual" in " ".join(log.notes)
 
 
 def test_rows_that_end_where_nothing_is_seen_are_no_damage(tmp_path):

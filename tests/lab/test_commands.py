@@ -10,7 +10,7 @@ from twin.lab import judge
 from twin.lab.grade import Drawing, begin, class_page, student_page, table
 from twin.lab.judge import Judge, Measured
 from twin.lab.schema import deal, hand_out, read
-from twin.lab.words import TABLES
+from twin.lab.words import WORD_TABLES
 
 Command = Callable[..., tuple[int, str, str]]
 MINI = Path(__file__).parent / "mini"
@@ -61,8 +61,8 @@ def test_the_sentence_about_a_check_has_words_and_units_and_no_keys() -> None:
 
 
 def test_every_language_has_every_sentence_with_the_same_parts() -> None:
-    english = TABLES["en"]
-    for language, table_ in TABLES.items():
+    english = WORD_TABLES["en"]
+    for language, table_ in WORD_TABLES.items():
         assert set(table_) == set(english), language
         for name in set(english) - {"metrics"}:
             parts = [set(re.findall(r"{(\w+)}", each[name])) for each in (table_, english)]

@@ -2,9 +2,13 @@
 
 What the system refuses an answer, tried by harmless calls; tests of twin.lab.confinement."""
 
+import ctypes
 import errno
 import os
 import re
+import socket
+import struct
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +18,7 @@ import pytest
 
 from twin.base.errors import LawError
 from twin.lab import confinement
-from twin.lab.confinement import AUDIT_ARCH, REFUSED, filter_of
+from twin.lab.confinement import AUDIT_ARCH, REFUSED_CALLS, filter_of
 from twin.lab.process import AnswerLimits, answering
 from twin.lab.schema import AnswerTable
 
@@ -24,7 +28,7 @@ HELD = LINUX and pytest.mark.skipif(
     reason="no table of system calls of this machine",
 )
 AT = [*AUDIT_ARCH].index(os.uname().machine) if os.uname().machine in AUDIT_ARCH else 0
-NUMBERS = {name: numbers[AT] for name, numbers in REFUSED.items() if numbers[AT] is not None}
+NUMBERS = {name: numbers[AT] for name, numbers in REFUSED_CALLS.items() if numbers[AT] is not None}
 NUMBERS |= {
     name: numbers[AT]
     for name, numbers in {
@@ -32,7 +36,7 @@ NUMBERS |= {
         **confinement.OWN_OR_ZERO,
         "clone": confinement.CLONE,
         "clone3": confinement.CLONE3,
-        "execve": confinement.EXECVE,
+        "execve": confinement.EXECVE_NUMBERS,
         "fcntl": confinement.FCNTL,
     }.items()
 }
@@ -215,22 +219,26 @@ def headers() -> Iterator[Any]:
         yield pytest.param(machine, place, marks=missing, id=machine)
 
 
-@pytest.mark.parametrize(("machine", "header"), [*headers()])
-def test_the_numbers_of_system_calls_are_those_of_the_kernel(machine: str, header: Path) -> None:
-    found = dict(re.findall(r"#define __NR(?:3264)?_(\w+)\s+(\d+)", header.read_text()))
-    at = [*AUDIT_ARCH].index(machine)
-    known = {
-        **REFUSED,
+def known_calls() -> dict[str, Any]:
+    """The numbers of all system calls that are named, on either machine."""
+    return {
+        **REFUSED_CALLS,
         **confinement.OWN_PROCESS_ONLY,
         **confinement.OWN_OR_ZERO,
         "clone": confinement.CLONE,
         "clone3": confinement.CLONE3,
-        "execve": confinement.EXECVE,
+        "execve": confinement.EXECVE_NUMBERS,
         "fcntl": confinement.FCNTL,
         "seccomp": tuple(confinement.SYS_SECCOMP.values()),
     }
+
+
+@pytest.mark.parametrize(("machine", "header"), [*headers()])
+def test_the_numbers_of_system_calls_are_those_of_the_kernel(machine: str, header: Path) -> None:
+    found = dict(re.findall(r"#define __NR(?:3264)?_(\w+)\s+(\d+)", header.read_text()))
+    at = [*AUDIT_ARCH].index(machine)
     compared = 0
-    for name, numbers in known.items():
+    for name, numbers in known_calls().items():
         if name in found:
             assert numbers[at] == int(found[name]), name
             compared += 1
@@ -251,7 +259,7 @@ def test_the_filter_decides_call_by_call(machine: str, program: bool) -> None:
     def decided(call: int, *given: int) -> int:
         return run_filter(steps, call, arch, *given)
 
-    for numbers in REFUSED.values():
+    for numbers in REFUSED_CALLS.values():
         if numbers[at] is not None:
             assert decided(numbers[at]) == eperm
     reads, writes, mmap, futex = {
@@ -260,7 +268,7 @@ def test_the_filter_decides_call_by_call(machine: str, program: bool) -> None:
     for call in (reads, writes, mmap, futex):
         assert decided(call) == allow
         assert run_filter(steps, call, other) == eperm
-    assert decided(confinement.EXECVE[at]) == (allow if program else eperm)
+    assert decided(confinement.EXECVE_NUMBERS[at]) == (allow if program else eperm)
     thread, process, users = 0x3D0F00, 0x11, 0x10000000
     clone = confinement.CLONE[at]
     assert decided(clone, thread) == allow
@@ -277,6 +285,85 @@ def test_the_filter_decides_call_by_call(machine: str, program: bool) -> None:
         assert decided(numbers[at], me + 1) == eperm
     fcntl = confinement.FCNTL[at]
     assert [decided(fcntl, 0, what) for what in (1, 8, 15, 3)] == [allow, eperm, eperm, allow]
+
+
+@LINUX
+def test_a_place_that_is_a_file_can_be_read_and_no_other(tmp_path: Path) -> None:
+    for name in ("given", "other"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "own").mkdir()
+    program = """
+import sys
+from twin.lab.confinement import shut_in
+if not shut_in([sys.argv[1]]):
+    sys.exit(3)
+print(open(sys.argv[1]).read())
+try:
+    open(sys.argv[2])
+except PermissionError:
+    print("refused")
+"""
+    files = [str(tmp_path / name) for name in ("given", "other")]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *files],
+        cwd=tmp_path / "own",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == 3:
+        pytest.skip("this kernel has no Landlock")
+    assert done.stdout.split() == ["given", "refused"]
+
+
+SO_ATTACH_FILTER = 26
+"""Option of a socket on Linux (asm-generic/socket.h): a filter in classic BPF of what arrives."""
+KEPT_BYTES = {0x50000 | errno.EPERM: 1, 0x50000 | errno.ENOSYS: 38, 0x7FFF0000: 64}
+"""So many bytes of a message are kept in place of each answer."""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="filters of sockets are Linux's")
+@pytest.mark.parametrize("machine", [*AUDIT_ARCH])
+def test_the_kernel_executes_the_filter_of_either_machine_as_it_is_interpreted_here(
+    machine: str,
+) -> None:
+    # struct seccomp_data as a message, which a filter reads word by word, the highest byte first
+    at, steps = [*AUDIT_ARCH].index(machine), [*filter_of(machine, program=False)]
+    kept = [(*step[:3], KEPT_BYTES[step[3]] if step[0] == 0x06 else step[3]) for step in steps]
+    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *step) for step in kept))
+    fprog = struct.pack("HxxxxxxQ", len(kept), ctypes.addressof(code))
+    clone, me = confinement.CLONE[at], os.getpid()
+    asked = [(call, first, second) for call in range(600) for first, second in ((0, 0), (me, 8))]
+    asked += [(clone, flags, 0) for flags in (0x3D0F00, 0x11, 0x10010000)]
+    sender, receiver = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with sender, receiver:
+        receiver.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, fprog)
+        seen = set()
+        for arch in (AUDIT_ARCH[machine], 0x40000003):
+            for call, first, second in asked:
+                sender.send(struct.pack(">16I", call, arch, 0, 0, first, 0, second, *[0] * 9))
+                wanted = run_filter(steps, call, arch, first, second)
+                assert len(receiver.recv(100)) == KEPT_BYTES[wanted], (call, first, second)
+                seen.add(wanted)
+        assert seen == set(KEPT_BYTES)
+
+
+@pytest.mark.parametrize("machine", [*AUDIT_ARCH])
+def test_the_numbers_of_system_calls_are_those_of_libseccomp(machine: str) -> None:
+    try:
+        resolve = ctypes.CDLL("libseccomp.so.2").seccomp_syscall_resolve_name_arch
+    except OSError:
+        pytest.skip("libseccomp is not installed")
+    at, arch = [*AUDIT_ARCH].index(machine), ctypes.c_uint32(AUDIT_ARCH[machine])
+    compared = 0
+    for name, numbers in known_calls().items():
+        number = resolve(arch, name.encode())
+        if number >= 0:
+            assert numbers[at] == number, name
+            compared += 1
+        else:  # younger than the library, or not of this machine
+            assert numbers[at] is None or numbers[at] > 440, name
+    assert compared > 80
 
 
 def test_a_machine_without_a_table_of_calls_goes_on_without(

@@ -455,6 +455,8 @@ def test_points_and_texts_change_without_a_simulation(
 ) -> None:
     folder = tmp_path / "mini"
     shutil.copytree(MINI, folder)
+    brief = (folder / "hold.toml").read_text().replace("duration = 3.0", "duration = 1.0")
+    (folder / "hold.toml").write_text(brief.replace("start = 1.5", "start = 0.5"))
     (tmp_path / "in").mkdir()
     shutil.copy(MINI / "mutants" / "no_integrator.py", tmp_path / "in" / "ann.py")
     kept, text = tmp_path / "kept", (folder / "lab.toml").read_text()

@@ -14,7 +14,14 @@ from twin.base.errors import TwinError
 from twin.cli.rig import play
 from twin.play import serve
 from twin.play.page import PLANT_SLIDERS, complete, gains, setting_of_slider, shown_by
-from twin.play.serve import LOGGERS, MAX_LINES, Audience, in_lines, is_loopback, require_token
+from twin.play.serve import (
+    MAX_LINES,
+    SERVER_LOGGERS,
+    Audience,
+    in_lines,
+    is_loopback,
+    require_token,
+)
 from twin.play.session import MAX_AHEAD_S, MAX_BEHIND_S, PICTURE_COLUMNS, Errors, Pace
 from twin.scenario.load import load
 
@@ -211,16 +218,16 @@ def test_a_port_that_is_taken_is_one_line_and_starts_nothing(tmp_path):
 def test_what_a_browser_sends_and_is_no_event_costs_a_line_and_no_stack_of_calls(capsys):
     told = []
     with in_lines(told.append):
-        for name in LOGGERS:
+        for name in SERVER_LOGGERS:
             try:
                 {}["id"]
             except KeyError as error:
                 logging.getLogger(name).exception(error)
         logging.getLogger("nicegui").error("\x1b[31mred\nand more" + "!" * 1000)
         logging.getLogger("nicegui").info("quiet")
-    assert len(told) == len(LOGGERS) + 1
+    assert len(told) == len(SERVER_LOGGERS) + 1
     begin = "the page was sent something that it cannot do: "
-    assert told[:-1] == [f"{begin}KeyError: 'id'"] * len(LOGGERS)
+    assert told[:-1] == [f"{begin}KeyError: 'id'"] * len(SERVER_LOGGERS)
     assert told[-1].startswith(f"{begin}\\x1b[31mred and more!!!")
     assert len(told[-1]) < 250
     assert capsys.readouterr().err == ""

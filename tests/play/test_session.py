@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.play.driven import MAX_SNAPSHOTS, Driven, Kept, States
+from twin.play.driven import MAX_PUSH_M_S, MAX_SNAPSHOTS, Driven, Kept, States
 from twin.play.session import PICTURE_COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
 from twin.run.finished import open_run, run
 from twin.scenario.load import load
@@ -183,6 +183,19 @@ def test_a_ball_that_is_off_the_plate_ends_the_run_until_one_goes_back(driven):
     assert 90 < session.record.length < 110
 
 
+def test_however_hard_it_is_pushed_at_the_start_one_can_go_back_to_before_that(driven):
+    told = []
+    script = {0: [Push(1e308, -1e308)] * 3, 1700: [Back(np.inf)]}
+    session = driven(load("hold"), script, 1800, tell=told.append)
+    assert any(each.ended for each in told[:-1])
+    assert f"pushed by {1000 * np.hypot(MAX_PUSH_M_S, MAX_PUSH_M_S):.0f} mm/s" in [
+        each.message for each in told
+    ]
+    assert told[-1].ended.startswith("finished")
+    assert session.driven.pushes == ()
+    assert np.array_equal(rows(session), rows(driven(load("hold"), {}, session.record.length)))
+
+
 def test_time_stands_still_while_it_is_paused(driven):
     pictures = []
     session = driven(
@@ -202,6 +215,7 @@ def test_the_clean_model_goes_beside_without_friction(driven):
     assert last["ghost_error"] < 0.1 * last["error"]
 
 
+@pytest.mark.long
 def test_the_cure_follows_a_path_that_is_known_and_a_goal_that_nobody_knew_of(driven, tmp_path):
     told = []
     script = {

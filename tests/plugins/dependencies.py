@@ -13,7 +13,8 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib import metadata
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import grimp
@@ -30,6 +31,8 @@ DATA = ("models", "scenarios")
 """Folders that whatever runs a scenario may read."""
 BY_NAME = re.compile(r"\b(import_module|__import__|pkgutil)\b")
 PROGRAMS = {"subprocess", "multiprocessing"}
+version = cache(metadata.version)
+"""That of a library; what is installed stays while tests run."""
 
 
 @cache
@@ -43,7 +46,8 @@ def _file(module: str) -> Path:
     return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
-def _imported(source: str) -> set[str]:
+@cache
+def _imported(source: str) -> frozenset[str]:
     """Every module that a source file names in an import, wherever it stands."""
     names = set()
     for node in ast.walk(ast.parse(source)):
@@ -51,7 +55,23 @@ def _imported(source: str) -> set[str]:
             names |= {each.name for each in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             names |= {node.module, *(f"{node.module}.{each.name}" for each in node.names)}
-    return names
+    return frozenset(names)
+
+
+@cache
+def _texts(source: str) -> frozenset[str]:
+    """Every text that stands in a source file by itself."""
+    return frozenset(
+        node.value
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+
+
+@cache
+def _imports_by_name(source: str) -> bool:
+    """Whether a source file imports what no line of it names."""
+    return bool(BY_NAME.search(source))
 
 
 def _named(test: Path) -> set[Path]:
@@ -87,7 +107,7 @@ def modules(test: Path) -> frozenset[str]:
         if parent:
             reached.add(parent)
         path = _file(module)
-        if BY_NAME.search(path.read_text("utf-8")):
+        if _imports_by_name(path.read_text("utf-8")):
             reached |= graph.find_descendants(module if path.name == "__init__.py" else parent)
         left |= reached - found
     return frozenset(found)
@@ -106,13 +126,8 @@ def _data(test: Path, reached: frozenset[str]) -> Iterator[Path]:
                 near = next(above for above in path.parents if (above / "__init__.py").is_file())
                 if near in folders:
                     yield path
-    words = {
-        node.value
-        for source in _named(test)
-        if source.name != "conftest.py"
-        for node in ast.walk(ast.parse(source.read_text("utf-8")))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    }
+    sources = (path for path in _named(test) if path.name != "conftest.py")
+    words = set().union(*(_texts(path.read_text("utf-8")) for path in sources))
     beside = {path for folder in {ROOT, test.parent} - {TESTS} for path in folder.iterdir()}
     named = {path for path in beside - {TESTS} if path.name in words}
     for place in (*map(ROOT.joinpath, DATA), *named):

@@ -15,7 +15,7 @@ from twin.base.errors import LogError, RecordError
 from twin.run.files import STREAM_FILE
 from twin.run.finished import open_run, record_run, run, run_metadata
 from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns, split_unit
-from twin.run.record import CHECKSUM, read_metadata, read_run, stream
+from twin.run.record import CHECKSUM_KEY, read_metadata, read_run, stream
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_no_damage_changes_a_number_without_a_word(made, tmp_path, form, times):
 
 def test_a_stream_that_is_damaged_in_the_middle_says_from_when_on(made, tmp_path):
     content = made[1].read_bytes()
-    one = content.index(CHECKSUM, content.index(CHECKSUM, len(content) // 2) + 1)
+    one = content.index(CHECKSUM_KEY, content.index(CHECKSUM_KEY, len(content) // 2) + 1)
     file = tmp_path / STREAM_FILE
     file.write_bytes(content[: one + 600] + b"\x7f" + content[one + 601 :])
     with pytest.raises(RecordError, match=r"run\.arrows: damaged: its rows after 0\.\d+ s do not"):
@@ -115,6 +115,27 @@ def test_records_without_a_checksum_are_read(made, tmp_path):
     found = read_run(tmp_path / STREAM_FILE)
     assert np.array_equal(found[0]["true_x"], made[2]["true_x"])
     assert "incomplete" not in found[2]
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_bytes_that_are_read_as_numbers_of_another_type_do_not_match(made, tmp_path, changed):
+    with pq.ParquetFile(made[0]) as parquet:
+        table, seal = parquet.read(), parquet.metadata.metadata[CHECKSUM_KEY]
+    if changed:
+        at = table.schema.get_field_index("true_x")
+        field = table.schema.field(at)
+        values = pa.array(table["true_x"].to_numpy().view(np.int64))
+        whole = pa.field(field.name, pa.int64(), metadata=field.metadata)
+        table = table.set_column(at, whole, values)
+    file = tmp_path / "run.parquet"
+    with pq.ParquetWriter(file, table.schema, use_dictionary=False) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({CHECKSUM_KEY: seal})
+    if changed:
+        with pytest.raises(RecordError, match="checksum"):
+            read_run(file)
+    else:
+        assert np.array_equal(read_run(file)[0]["true_x"], made[2]["true_x"])
 
 
 def flat(names, rows):

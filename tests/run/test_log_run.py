@@ -7,8 +7,9 @@ import pytest
 
 from ballplate import compare
 from twin.base.errors import LogError, ScenarioError
+from twin.hal.interface import AXIS_NAMES
 from twin.run.finished import run
-from twin.run.logs import AXIS_NAMES, apart, distances, fitting, log_run, read_log
+from twin.run.logs import apart, distances, fitting, log_run, read_log
 from twin.scenario.load import load
 
 CHANGES = (

@@ -17,6 +17,7 @@ from twin.run.metrics import Motion
 from twin.run.picture import (
     LEAST_ERROR,
     LOOK_COUNT,
+    NO_GLYPH_WARNING,
     PANEL_PLACES,
     REFERENCE_STYLE,
     RUN_COLOURS,
@@ -96,7 +97,18 @@ def test_the_legend_has_the_runs_that_can_be_told_apart():
 def test_a_run_s_name_stands_in_the_legend_as_it_was_typed(name):
     figure = picture({name: motion(), "b": motion(0.05)}, name, PLATE)
     assert [each.replace("\\$", "$").strip() for each in words(figure)[:2]] == [name, "b"]
-    figure.savefig(BytesIO())  # its text is laid out, a formula would be refused
+    figure.draw_without_rendering()  # its text is laid out, a formula would be refused
+
+
+def test_characters_that_no_font_has_are_boxes_and_one_warning():
+    pictures._warn_of_glyphs.cache_clear()
+    runs = {"\u7403 \xe9\u03bb": motion(), "b": motion(0.05)}
+    with pytest.warns(UserWarning, match="no font in use") as caught:
+        figure = picture(runs, "\u4e2d\u6587", PLATE)
+    figure.savefig(BytesIO())
+    assert [str(each.message) for each in caught] == [NO_GLYPH_WARNING]
+    assert words(figure)[0] == "\u25a1 \xe9\u03bb"
+    assert figure.get_suptitle() == "\u25a1\u25a1"
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def bits(name, told):
 
 def bits_of(scenario):
     """The bytes of a scenario's record."""
-    rig, controller = assemble([scenario], threads=1)
+    rig, controller = assemble([scenario], threads=1, unseen=True)
     record = Recorder(round(scenario.duration / scenario.rig.period), 1, scenario.rig.period)
     drive(rig, controller, scenario.duration, record)
     return b"".join(record[each].tobytes() for each in ("state", "measured", "applied"))

@@ -6,7 +6,7 @@ import pytest
 
 from twin.base.errors import ScenarioError
 from twin.devices.akd.config import NOMINAL_PERIOD, AkdConfig
-from twin.run.connect import UNPASSED, connect
+from twin.run.connect import UNPASSED_REASON, connect
 from twin.scenario import load
 from twin.scenario.passed import MOST_KEPT, has_passed, note_result, passed_file
 from twin.scenario.rig import check_rig, read_rig
@@ -82,7 +82,7 @@ def test_the_newest_are_kept():
 
 
 def test_a_rig_that_nobody_has_checked_is_connected_so_that_it_begins_slowly():
-    assert connect(load("circle"), rig()).unchecked == UNPASSED
+    assert connect(load("circle"), rig()).unchecked == UNPASSED_REASON
     note_result(rig(), passed=True)
     assert connect(load("circle"), rig()).unchecked == ""
     virtual = connect(

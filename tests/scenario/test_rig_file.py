@@ -17,10 +17,10 @@ NUMBERS = st.one_of(
     st.sampled_from([0, -1, 1, 2, 127, 2**31, 2**32, 1e-300, 1e300, -0.0]),
     st.floats(),
 )
-WORDS = st.sampled_from(
+CONTROL_COMMANDS = st.sampled_from(
     ["auto", "elo", "serial", "hidraw", "evdev", "slcan", "/dev/null", "", "a\0b", "x" * 300]
 )
-PLAIN = st.one_of(NUMBERS, WORDS, st.booleans(), st.just(datetime.date(2026, 1, 1)))
+PLAIN = st.one_of(NUMBERS, CONTROL_COMMANDS, st.booleans(), st.just(datetime.date(2026, 1, 1)))
 PAIR = st.lists(NUMBERS, min_size=2, max_size=2)
 VALUES = st.one_of(
     PLAIN,

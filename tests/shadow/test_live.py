@@ -48,7 +48,7 @@ class Scripted:
     period = 0.002
 
     def __init__(self):
-        self.said = Shadow(tests=None)
+        self.result = Shadow(tests=None)
         self.asked = 0
 
     def take(self, rows):
@@ -57,14 +57,14 @@ class Scripted:
     def ask(self, *, whole=False):
         self.asked += 1
         count = 10 * self.asked
-        self.said.replays = replays(np.full((count, 2), 1e-3), np.arange(count))
+        self.result.replays = replays(np.full((count, 2), 1e-3), np.arange(count))
         if self.asked == 2:
-            self.said.alarms.append(Alarm(17.0, 17.0, 20.0, ()))
+            self.result.alarms.append(Alarm(17.0, 17.0, 20.0, ()))
         if not whole:
             return []
         cause = Cause("level", 1.0, "phi +0.100 deg")
-        self.said.alarms[0] = Alarm(17.0, 15.5, 20.0, (cause,))
-        return self.said.alarms
+        self.result.alarms[0] = Alarm(17.0, 15.5, 20.0, (cause,))
+        return self.result.alarms
 
 
 def test_an_alarm_is_one_line_and_its_causes_are_one_when_they_are_settled():
@@ -137,7 +137,7 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
             alarms += follower.ask()
     alarms += follower.ask(whole=True)
     afterwards = json.loads((path / "shadow.json").read_text(encoding="utf-8"))
-    live = follower.said.replays
+    live = follower.result.replays
     assert live.time == pytest.approx(scored.time)
     counted = live.counted
     assert counted.tolist() == scored.counted.tolist()
@@ -160,9 +160,9 @@ def test_a_twin_that_learns_beside_a_run_says_nothing_before_and_what_it_learned
         if follower.take(rows):
             follower.ask()
         learned = rows["time"][-1] > follow.LEARNING_S + follow.PENDING_S + follow.STRIDE_S
-        assert bool(follower.said.taught) >= learned
-        assert rows["time"][-1] > follow.LEARNING_S or not follower.said.taught
-    assert follower.said.replays.time[0] >= follow.LEARNING_S - 1.0
+        assert bool(follower.result.taught) >= learned
+        assert rows["time"][-1] > follow.LEARNING_S or not follower.result.taught
+    assert follower.result.replays.time[0] >= follow.LEARNING_S - 1.0
 
 
 def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():
@@ -170,4 +170,4 @@ def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_o
         Evidence.of(("lag",), spans, np.zeros((len(spans), 1, 1)), np.zeros((len(spans), 1)))
         for spans in (np.array([[0.0, 1.0], [1.0, 3.0]]), np.array([[1.0, 2.0]]))
     )
-    assert Evidence.beside([first, second]).end.tolist() == [1.0, 3.0, 2.0]
+    assert Evidence.concatenate([first, second]).end.tolist() == [1.0, 3.0, 2.0]

@@ -20,9 +20,9 @@ from twin.identify.prepare import Segment
 from twin.scenario import load
 from twin.shadow.alarms import (
     CHANGE_TEST,
-    DEAD_TIME,
+    DEAD_TIME_CAUSES,
     DEAD_TIME_TEST,
-    SCATTER,
+    SCATTER_ESTIMATE,
     ChangeTest,
     DeadTimeTest,
     SequentialTests,
@@ -162,12 +162,12 @@ def test_no_window_adds_more_than_it_may_whatever_came_before(belief):
     found = windows(0.002 * rng.standard_t(1.5, 60))
     ratio = dead_time_ratio(found, belief)
     assert np.diff(ratio, prepend=0.0).max() <= MAX_INCREMENT + 1e-9
-    assert np.diff(added_up(found, belief, 0, DEAD_TIME, np.inf)).max() > 1.5 * MAX_INCREMENT
+    assert np.diff(added_up(found, belief, 0, DEAD_TIME_CAUSES, np.inf)).max() > 1.5 * MAX_INCREMENT
 
 
 def test_without_a_bound_it_is_the_largest_ratio_of_any_change(belief):
     found = windows(np.repeat((0.0, 0.004), 10))
-    every = added_up(found, belief, 0, DEAD_TIME, np.inf)
+    every = added_up(found, belief, 0, DEAD_TIME_CAUSES, np.inf)
     prior = belief.drift[LATE] ** 2
 
     def evidence(d, variance, mean):  # of windows with independent errors, by their joint density
@@ -224,7 +224,7 @@ def test_scatter_between_windows_is_learned_and_an_offset_is_not():
         factor = scatter(rolled(off), belief)[-1, ROLLING]
         assert factor == pytest.approx(times, abs=0.25 * times)
     wild = scatter(rolled(100 * expected * rng.standard_normal(400)), belief)
-    assert wild.max() == SCATTER.max_factor
+    assert wild.max() == SCATTER_ESTIMATE.max_factor
 
 
 def test_a_change_widens_nothing_while_it_may_still_be_one():

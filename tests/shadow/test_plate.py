@@ -9,7 +9,7 @@ import pytest
 
 from twin.identify.prepare import prepare
 from twin.scenario import load
-from twin.shadow.belief import DRIVE_PARAMETERS, WATCHED_PARAMETERS, belief_of, logs
+from twin.shadow.belief import DRIVE_BELIEFS, WATCHED_PARAMETERS, belief_of, logs
 from twin.shadow.evidence import plate_angles, plate_evidence, whiten
 
 SHAKEN = ("duration=5", "seed=3", "plant.step=0.002", "plant.servo.backlash_deg=0.1")
@@ -44,10 +44,10 @@ def test_what_a_fast_law_makes_of_the_plate_is_what_an_exact_twin_expects(more):
         # as encoders alone would have it is 1; a plate that does not swing on its wheels gives 20
         assert white[500:].std() < 2.5
     evidence = plate_evidence(log, belief, np.zeros((0, 2)))
-    which = [WATCHED_PARAMETERS.index(name) for name in DRIVE_PARAMETERS]
+    which = [WATCHED_PARAMETERS.index(name) for name in DRIVE_BELIEFS]
     A = evidence.information.sum(axis=0)[np.ix_(which, which)]
     off = dict(
-        zip(DRIVE_PARAMETERS, np.linalg.solve(A, evidence.score.sum(axis=0)[which]), strict=True)
+        zip(DRIVE_BELIEFS, np.linalg.solve(A, evidence.score.sum(axis=0)[which]), strict=True)
     )
     assert off["lag"] == pytest.approx(0, abs=2e-4)
     assert off["transmission"] == pytest.approx(0, abs=0.005)

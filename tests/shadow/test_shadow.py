@@ -118,7 +118,7 @@ def test_a_ball_at_rest_is_no_sign_of_health():
     log = logs([(each := load("hold", ("plant.kind=lagrange", "duration=8")), each)])[0]
     said = shadow(log, belief_of(log))
     assert said.verdict == "cannot tell"
-    assert said.told < 5
+    assert said.moved_s < 5
 
 
 def test_log_evidence_is_the_integral_over_the_prior():

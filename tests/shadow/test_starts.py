@@ -45,7 +45,7 @@ def test_windows_in_portions_say_what_all_at_once_say(log, recorded, monkeypatch
     belief, windows = recorded
     whole = ball_evidence(windows, belief)
     run = replays(prepare(log), belief, NO_GAPS)
-    monkeypatch.setattr(evidence, "AT_ONCE", 3)
+    monkeypatch.setattr(evidence, "WINDOWS_AT_ONCE", 3)
     assert len(windows) % 3  # the last portion is shorter
     parts = ball_evidence(windows, belief)
     assert parts.end.tolist() == whole.end.tolist()

@@ -251,7 +251,7 @@ def test_a_spin_is_kept_by_a_change_of_the_ball_and_given_by_a_start():
     plant.begin(np.array([1]), np.zeros((1, 4)))
     assert plant.spin == pytest.approx([3.0, 0.0], rel=1e-15)
     for kind in ("locked", "thesis"):
-        with pytest.raises(ModelError, match=f"whose spin is '{kind}'"):
+        with pytest.raises(ModelError, match=f"a ball with '{kind}' spin"):
             ExactPlant(ball_spin=kind).start(np.zeros((1, 4)), 1.0)
 
 
@@ -280,7 +280,7 @@ def test_each_spin_has_runs_of_its_own():
         (("plant.kind=lagrange", "plant.ball_spin=fixed"), "plant.ball_spin: must be 'free'"),
         (
             ("plant.kind=lagrange", "plant.friction.spinning_mm=1.0"),
-            "the exact equations have a ball whose spin nothing resists",
+            "the exact equations have a ball that spins without friction",
         ),
     ],
 )

@@ -49,7 +49,7 @@ def test_no_cell_disagrees_that_is_not_noted_and_every_note_is_needed(cells):
 
 def test_the_sampled_loop_agrees_with_continuous_control_as_the_page_says(cells):
     for cell in cells:
-        if THESIS_COLUMNS[cell.column].judged != "reading" and cell.exact.value > 1e-9:
+        if THESIS_COLUMNS[cell.column].compared != "reading" and cell.exact.value > 1e-9:
             small = cell.column == "e_ss" or cell.column.startswith("x")
             bound = 0.022 if small else 0.007
             assert cell.sampled.value == pytest.approx(cell.exact.value, rel=bound)
@@ -60,7 +60,7 @@ def test_full_state_feedback_agrees_to_4_percent_but_for_one_cell(cells):
         (cell.table, cell.row, cell.column)
         for cell in cells
         if int(cell.table.split(".")[1]) <= 11
-        and THESIS_COLUMNS[cell.column].judged == "value"
+        and THESIS_COLUMNS[cell.column].compared == "value"
         and cell.thesis
         for value in (cell.exact, cell.sampled)
         if abs(value.value / cell.thesis - 1) > 0.04
@@ -70,7 +70,7 @@ def test_full_state_feedback_agrees_to_4_percent_but_for_one_cell(cells):
 
 def test_angles_and_efforts_with_observer_noise_and_dead_time_agree_to_5_percent(cells):
     for cell in cells:
-        if int(cell.table.split(".")[1]) >= 14 and THESIS_COLUMNS[cell.column].judged == "value":
+        if int(cell.table.split(".")[1]) >= 14 and THESIS_COLUMNS[cell.column].compared == "value":
             assert cell.exact.value == pytest.approx(cell.thesis, rel=0.05)
             assert cell.sampled.value == pytest.approx(cell.thesis, rel=0.05)
 

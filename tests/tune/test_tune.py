@@ -235,7 +235,11 @@ GAIN, RANGE = '"controller.gains.0"', "loguniform = [60.0, 600.0]"
         ("scale = 0.01", "scale = 0.0", "scale: must be greater than 0, got 0.0"),
         ("scale = 0.01", 'scale = 0.01\nindicator = "rms"', "no 'rms'; did you mean 'u_rms'"),
         ("rigs = [2, 4]", "rigs = [4, 2]", "every rung needs more than the last"),
-        ("rigs = [2, 4]", "draw = 3\ncertificate_draw = 3", "must not be that of the search"),
+        (
+            "rigs = [2, 4]",
+            "draw = 3\ncertificate_draw = 3",
+            "must differ from the draw of the search",
+        ),
         ("rigs = [2, 4]", "rig = 2", "rig: unknown key; did you mean 'rigs'"),
         ("rigs = [2, 4]", 'like = "small.toml"', "is like this one itself"),
         ("rigs = [2, 4]", 'like = "alf"', "tune 'alf': not found; did you mean 'afl'"),

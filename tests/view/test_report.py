@@ -13,7 +13,7 @@ from twin.cli.runs import report as command
 from twin.devices.realtime import TimingLog
 from twin.run.files import INDICATOR_UNITS
 from twin.run.finished import Run, open_run, open_runs, record_run, run
-from twin.run.tables import LABELS, TIMING_NAMES
+from twin.run.tables import INDICATOR_LABELS, TIMING_NAMES
 from twin.scenario.load import check
 from twin.view.html import details, html
 from twin.view.streams import signals
@@ -311,7 +311,9 @@ def test_a_fallen_run_can_be_reported(scenario, tmp_path):
 
 def test_an_indicator_is_printed_in_its_own_unit_or_in_millimetres():
     printed = {"m": "mm", "rad/s^2": "rad/s²"}
-    assert {name: unit for name, (_, unit) in LABELS.items() if name in INDICATOR_UNITS} == {
+    assert {
+        name: unit for name, (_, unit) in INDICATOR_LABELS.items() if name in INDICATOR_UNITS
+    } == {
         name: printed.get(unit, unit)
         for name, unit in INDICATOR_UNITS.items()
         if name not in TIMING_NAMES

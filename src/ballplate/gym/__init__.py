@@ -36,7 +36,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "ballplate/Hold-v0": {"scenario": "hold", "family": "placed"},
     "ballplate/Step-v0": {"scenario": "step"},
 }
-"""What is registered, with the arguments that each has by default."""
+"""Registered environments, with the default arguments of each."""
 
 for _name, _arguments in ENVIRONMENTS.items():
     if _name not in registry:

@@ -235,7 +235,7 @@ class Rigs:
         return reward, terminated, truncated
 
     def observation(self) -> Array:
-        """What is seen now, shape (N, numbers)."""
+        """Present observation, shape (N, numbers)."""
         now, ticks = self.episodes.measurement, self.episodes.ticks
         goals = self._goal(ticks + self.task.leads[:, None])
         seen = np.concatenate(
@@ -250,7 +250,7 @@ class Rigs:
         return np.clip(np.nan_to_num(seen), self._low, self._high)
 
     def info(self) -> dict[str, Any]:
-        """What no controller sees, each with one entry per rig."""
+        """Further information that no controller sees, each with one entry per rig."""
         state, ticks = self.episodes.state.copy(), self.episodes.ticks
         return {
             "state": state,
@@ -331,8 +331,8 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview,
             computing_time.
         num_envs: How many rigs.
-        autoreset_mode: Whether a rig whose episode is over begins the next one in the next step,
-            or when it is reset; until then it gets nothing.
+        autoreset_mode: Whether a rig begins its next episode in the step after the end of one, or
+            when it is reset; until then it gets nothing.
         threads: Threads of the engine; 0 for one per processor. Bits do not depend on them.
         render_mode: None are known.
         more: Those of ``Task`` that are named.
@@ -397,7 +397,7 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 f"reset_mask: must be {self.num_envs} truth values, one of them true, got {mask}"
             )
         self._begin(mask, seeds)
-        return self.rigs.observation(), self._told(self.rigs.info(), mask)
+        return self.rigs.observation(), self._mask_info(self.rigs.info(), mask)
 
     def step(
         self, actions: Array
@@ -409,7 +409,7 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             terminated, truncated = terminated & ~due, truncated & ~due
             self._begin(due)
         self._over = terminated | truncated
-        info = self._told(self.rigs.info(), everyone) | self._reasons(terminated)
+        info = self._mask_info(self.rigs.info(), everyone) | self._reasons(terminated)
         return self.rigs.observation(), reward, terminated, truncated, info
 
     def _begin(self, which: Mask, seeds: Sequence[int | None] | None = None) -> None:
@@ -434,7 +434,7 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         return {"reason": reasons, "_reason": terminated.copy()}
 
     @staticmethod
-    def _told(about: dict[str, Any], which: Mask) -> dict[str, Any]:
+    def _mask_info(about: dict[str, Any], which: Mask) -> dict[str, Any]:
         """Infos of some rigs as Gymnasium has them: each with a mask of the rigs that have it."""
         own = {name: put(values, np.flatnonzero(~which), 0) for name, values in about.items()}
         return own | {f"_{name}": which.copy() for name in about}

@@ -5,8 +5,8 @@ Controllers: ``law`` with the state, ``controller`` with the measurement. All ar
 and what is changed of it, as runs are, by the same code that runs use.
 
 Signals have the names of a record's columns, so that ``control.interconnect`` joins them; ``UNITS``
-says in what. A controller feeds back with its own sign: the loop gain that margins are asked of is
-``-law * plant``. The ``dt`` of a sampled system is the control period in s.
+has their units. A controller feeds back with its own sign: the loop gain that margins are asked of
+is ``-law * plant``. The ``dt`` of a sampled system is the control period in s.
 
 Examples:
     >>> import control
@@ -109,8 +109,8 @@ def linear(
     In: the ball's mass, radius and inertia. Out: everything else of a scenario.
 
     Args:
-        scenario: Whose ball it has; the nominal one by default.
-        settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
+        scenario: Scenario with the ball; the nominal one by default.
+        settings: Changes of that scenario, by dotted keys or as texts ``KEY=VALUE``.
         changes: What is changed of that scenario, by tables.
 
     Raises:
@@ -128,8 +128,8 @@ def sampled(
 
     Inputs ``phi_acc``, ``theta_acc``; outputs what is measured, ``x``, ``phi``, ``y``, ``theta``.
     The dead time of screen or camera is delay states, ``x`` and ``y`` of one period ago, two, and
-    so on (``x_1``, ``y_1``, ``x_2``, ...); what it is more than whole periods, a straight line
-    between the last two. ``dt`` is ``rig.period``.
+    so on (``x_1``, ``y_1``, ``x_2``, ...); a fraction of a period is interpolated between the last
+    two. ``dt`` is ``rig.period``.
 
     In: the ball, ``rig.period``, ``sensors.touch.dead_time``. Out: everything else of the scenario.
 
@@ -196,11 +196,11 @@ def equations(
     ``plant.ball_spin = "thesis"`` the equations are (5.9).
 
     In: the ball's mass, radius and inertia, the plate's height, and ``plant.ball_spin``. Out:
-    everything else of a scenario. Friction is out because at rest it is no differential equation:
-    what it holds back there depends on what pushes, and a solver that chooses its own steps does
-    not get past that point. ``exact`` has it.
+    everything else of a scenario. Friction is left out because at rest it is no differential
+    equation: the force of friction there depends on the other forces, and a solver with variable
+    steps gets stuck at that point. ``exact`` has it.
 
-    Args and errors are those of ``linear``; ``spin`` needs a scenario whose ball spins freely.
+    Args and errors as in ``linear``; ``spin`` needs a scenario with a freely spinning ball.
     """
     import control
 
@@ -228,7 +228,7 @@ def equations(
 
 
 def without_state(ball_spin: BallSpin, *, spin: bool) -> BallSpin:
-    """What the spin does in equations in which it is a state or not.
+    """Terms of the spin in equations in which it is a state or not.
 
     Args:
         ball_spin: As in a scenario.
@@ -300,7 +300,7 @@ def _over(steps: int, A: Array, B: Array) -> tuple[Array, Array]:
 def _delay_measurement(
     plant: System, states: tuple[str, ...], scenario: Scenario, name: str
 ) -> control.StateSpace:
-    """A sampled plant whose ball is measured a scenario's dead time late."""
+    """A sampled plant with a ball that is measured a scenario's dead time late."""
     dead_time = float(np.max(scenario.sensors.touch.dead_time))
     late = measured_late(plant, dead_time)
     _, share = whole_periods(dead_time, scenario.rig.period)
@@ -348,7 +348,7 @@ def controller(
 
     Inputs are what is measured, ``x``, ``phi``, ``y``, ``theta`` in m and rad; outputs ``phi_acc``,
     ``theta_acc`` in rad/s^2. The reference is rest on the centre. ``dt`` is ``rig.period``. An
-    observer whose gain varies has the one it starts with.
+    observer with a varying gain has its initial gain.
 
     Args and errors are those of ``law``; an observer that cannot be linearised or is given the true
     state is refused as well.

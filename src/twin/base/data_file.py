@@ -25,7 +25,7 @@ _TOO_LARGE = "an integer beyond 64 bit"
 
 
 class DataError(TwinError, ValueError):
-    """A file or text is not what it should be; the message names no source: the caller does."""
+    """A file or text has a wrong form; the message names no source: the caller adds it."""
 
 
 def read_regular(path: Path, largest: int = MAX_REGULAR_BYTES) -> bytes:
@@ -88,7 +88,7 @@ def read_toml(path: Path, *, regular: bool = False) -> dict[str, Any]:
 
 
 def read_packaged(package: str, name: str) -> dict[str, Any]:
-    """The tables of a TOML file that lies beside the modules of a package.
+    """The tables of a TOML file in the folder of a package.
 
     Args:
         package: Its full name.
@@ -117,7 +117,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What a text in JSON holds.
+    """Parse a text in JSON.
 
     Raises:
         DataError: If it is not JSON, or goes beyond a limit of this module.

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 
 
 class TwinError(Exception):
-    """Base of all errors whose message is one line: what, where, what is allowed.
+    """Base of all errors with a one-line message: what, where, what is allowed.
 
     Examples:
         >>> import ballplate as bp
@@ -61,7 +61,7 @@ class RigError(TwinError, ConnectionError):
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
-    """Import what an extra brings; where it is lacking, the error says who needs it.
+    """Import the packages of an extra; if one is missing, the error names who needs it.
 
     Raises:
         TwinError: If it is not installed.
@@ -92,7 +92,7 @@ def list_first(names: Sequence[str], most: int, separator: str = ", ") -> str:
     return separator.join(names[:most]) + (f" and {left_out} more" if left_out > 0 else "")
 
 
-UNPRINTABLE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+UNPRINTABLE_CATEGORIES = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode's categories of what is no letter: controls, directions, halves of pairs, line ends."""
 
 
@@ -108,7 +108,7 @@ def printable(text: str, keep: str = "") -> str:
     """
     return "".join(
         letter.encode("unicode_escape").decode()
-        if unicodedata.category(letter) in UNPRINTABLE and letter not in keep
+        if unicodedata.category(letter) in UNPRINTABLE_CATEGORIES and letter not in keep
         else letter
         for letter in text
     )

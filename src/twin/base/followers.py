@@ -1,4 +1,4 @@
-"""Who follows a setting of a rig: one entry by every setting, read by all who have a list of them.
+"""Followers of the settings of a rig: one entry by every setting, from which all lists derive.
 
 An entry names each part of the project that acts on settings, and for each how it follows or why it
 leaves the setting out. Parameters of an FMU, effects of ``explain``, symbols, what a scenario
@@ -25,7 +25,7 @@ GIVEN, FREE = Follows.GIVEN, Follows.FREE
 
 
 class Off(Enum):
-    """What switches an effect off, where it is no value of its own."""
+    """Ways to switch an effect off that are no value of its setting."""
 
     DEFAULT = "default"
     """The default of the setting."""
@@ -52,7 +52,7 @@ class Effect:
 
 @dataclass(frozen=True, kw_only=True)
 class Followers:
-    """Who follows a setting; a text is why a part leaves it out, and goes on after its subject.
+    """The parts that follow a setting; a text is why a part leaves it out, and follows its subject.
 
     Attributes:
         mechanism: The mechanism in MuJoCo with what surrounds it, "the mechanism ...".
@@ -96,4 +96,4 @@ PARTS: dict[str, str] = {
     "identify": "identify",
     "symbols": "the symbols",
 }
-"""What each part is called in a sentence about what it leaves out."""
+"""Name of each part in a sentence about settings that it leaves out."""

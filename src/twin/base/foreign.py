@@ -7,9 +7,9 @@ import zipfile
 from contextlib import suppress
 from pathlib import Path
 
-HEAD = 512
-"""Bytes at the beginning of a file that say what it is."""
-_KINDS: tuple[tuple[bytes, int, str], ...] = (
+HEAD_BYTES = 512
+"""Number of bytes at the beginning of a file that identify its kind."""
+_FILE_KINDS: tuple[tuple[bytes, int, str], ...] = (
     (b"MATLAB 5.0 MAT-file", 0, "MATLAB file"),
     (b"\x89HDF\r\n\x1a\n", 0, "HDF5 file"),
     (b"HDF", 1, "HDF5 file"),
@@ -52,14 +52,14 @@ _KINDS: tuple[tuple[bytes, int, str], ...] = (
     (b"\x80\x04\x95", 0, "Python pickle"),
     (b"\x80\x05\x95", 0, "Python pickle"),
 )
-"""First bytes, where they are, and what they say."""
+"""First bytes of a kind of file, their offset, and the name of the kind."""
 _IN_ZIP = (
     (b"xl/", "Excel file (.xlsx)"),
     (b"[Content_Types].xml", "Excel file (.xlsx)"),
     (b".npy", "NumPy archive (.npz)"),
     (b"mimetype", "OpenDocument file (.ods)"),
 )
-_MARKS = {
+_BYTE_ORDER_MARKS = {
     b"\xff\xfe\0\0": "utf-32",
     b"\0\0\xfe\xff": "utf-32",
     b"\xff\xfe": "utf-16",
@@ -68,20 +68,20 @@ _MARKS = {
 }
 """Marks at the beginning of a text, and its encoding."""
 _MIN_WIDE_SHARE = 0.7
-"""Share of zeros in every second byte from which on a text without a mark is UTF-16."""
-_UNPRINTED = bytes({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"})
+"""Share of zeros in every second byte above which a text without a mark is UTF-16."""
+_CONTROL_BYTES = bytes({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"})
 """Bytes that are in no text of eight bits."""
 _MOST_UNPRINTED = 0.02
 """Share of such bytes that a text may have by mishap."""
 
 
 def file_kind(head: bytes) -> str:
-    """What a file is by its first bytes; empty for text, and for what is not known.
+    """Kind of a file by its first bytes; empty for text and for unknown kinds.
 
     Args:
-        head: Its first ``HEAD`` bytes or more; all of a shorter file.
+        head: Its first ``HEAD_BYTES`` bytes or more; all of a shorter file.
     """
-    for mark, at, kind in _KINDS:
+    for mark, at, kind in _FILE_KINDS:
         if head[at : at + len(mark)] == mark:
             if kind == "ZIP archive":
                 return next((what for name, what in _IN_ZIP if name in head), kind)
@@ -94,7 +94,7 @@ def file_kind(head: bytes) -> str:
         return "JSON file"
     if text[:9].lower().startswith((b"<?xml", b"<!doctype", b"<html")):
         return "XML or HTML file"
-    unprinted = sum(byte in _UNPRINTED for byte in head)
+    unprinted = sum(byte in _CONTROL_BYTES for byte in head)
     if unprinted > _MOST_UNPRINTED * len(head):
         return "binary file of a kind not known here"
     return ""
@@ -106,13 +106,13 @@ def with_article(kind: str) -> str:
 
 
 def kind_of(path: Path) -> str:
-    """What a file is by its first bytes, as ``file_kind`` has it.
+    """Kind of a file by its first bytes, as in ``file_kind``.
 
     Raises:
         OSError: If it cannot be read.
     """
     with path.open("rb") as file:
-        head = file.read(HEAD + 16)
+        head = file.read(HEAD_BYTES + 16)
     kind = file_kind(head)
     if kind == "ZIP archive":  # which entry is the first differs between programs
         with suppress(zipfile.BadZipFile, NotImplementedError), zipfile.ZipFile(path) as archive:
@@ -122,12 +122,12 @@ def kind_of(path: Path) -> str:
 
 def encoding_of(head: bytes) -> str:
     """Encoding of a text by the mark at its beginning, of UTF-16 also by its zeros; else UTF-8."""
-    for mark, name in _MARKS.items():
+    for mark, name in _BYTE_ORDER_MARKS.items():
         if head.startswith(mark):
             return name
-    even, odd = head[:HEAD:2], head[1:HEAD:2]
+    even, odd = head[:HEAD_BYTES:2], head[1:HEAD_BYTES:2]
     for zeros, others, name in ((odd, even, "utf-16-le"), (even, odd, "utf-16-be")):
-        if zeros.count(0) > _MIN_WIDE_SHARE * len(head[:HEAD]) / 2 and not others.count(0):
+        if zeros.count(0) > _MIN_WIDE_SHARE * len(head[:HEAD_BYTES]) / 2 and not others.count(0):
             return name
     return "utf-8"
 

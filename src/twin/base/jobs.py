@@ -64,7 +64,7 @@ def results(
 
 
 class SecondProcess:
-    """A process that works beside this one; whatever it is at, leaving the context ends it.
+    """A process that works in parallel to this one; leaving the context ends it at once.
 
     What cannot be done there, because there is none or it was killed, is done here instead when
     its result is asked for.
@@ -245,7 +245,7 @@ def let_go(process: BaseProcess) -> None:
 
 
 def settle() -> None:
-    """Leave Ctrl-C to the process that began this one, end when told to or when it has died."""
+    """Leave Ctrl-C to the parent process; end on its request or when it has died."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in _TERMINATION_SIGNALS:  # a fork has what the process that began it does on them
         signal.signal(number, signal.SIG_DFL)
@@ -255,7 +255,7 @@ def settle() -> None:
 
 
 def is_orphan() -> bool:
-    """Whether the process that began this one is gone, also if that was before the first line."""
+    """Whether the parent process has ended, also if that was before the first line here."""
     parent = multiprocessing.parent_process()
     # a forked process itself holds open what would tell it of its parent's end
     return parent is not None and os.getppid() != parent.pid
@@ -265,7 +265,7 @@ def wait_until(done: Callable[[], bool], limit: float, every: float = 0.005) -> 
     """Look again and again whether something is done, for a time in s at most; whether it is.
 
     Args:
-        done: Says so.
+        done: Returns whether it is done.
         limit: Longest time, s.
         every: From one look to the next, s.
     """

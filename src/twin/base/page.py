@@ -7,6 +7,7 @@ import math
 from base64 import b64encode
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -37,7 +38,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a result says, in sentences.
+    """The statement of a result, in sentences.
 
     Attributes:
         lines: The sentences.
@@ -81,7 +82,7 @@ class Picture:
     """A picture.
 
     Attributes:
-        title: Above it, or what it shows.
+        title: Title above it.
         content: A figure, a PNG, or SVG that was made of a figure.
         note: Below it.
     """
@@ -130,6 +131,7 @@ def fragment(title: str, blocks: Sequence[Block]) -> str:
     return f"<div>{heading}{content}</div>"
 
 
+@cache
 def _template() -> Template:
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  heavy
 
@@ -208,10 +210,16 @@ def markdown(
 
 def render_template(template: Path, **parts: Any) -> str:
     """The document of a template in Jinja's language; every part that it names must be given."""
+    return _compile_template(template.read_text(encoding="utf-8")).render(parts)
+
+
+@cache
+def _compile_template(text: str) -> Template:
+    """A template of this text, compiled once."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: a table needs none
 
     how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
-    return how.from_string(template.read_text(encoding="utf-8")).render(parts)
+    return how.from_string(text)
 
 
 def write(path: Path, title: str, blocks: Sequence[Block]) -> None:

@@ -49,7 +49,7 @@ class Unit(Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """What a scenario may say of one field.
+    """The setting of one field: key, unit, range and followers.
 
     Attributes:
         key: Dotted key, as ``plant.friction.rolling_mm``.
@@ -57,7 +57,7 @@ class Setting:
         unit: The key's unit.
         bounds: Range of the value, or of each of its numbers: any of ge, gt, le, lt.
         followed_by: Who acts on it, and who leaves it out and why.
-        type: Its type; None for that of the default.
+        type: Its type; None for the type of the default.
         changes: How it may change while a rig runs: along a ``ramp``, at once (``jump``), or empty.
     """
 
@@ -75,7 +75,7 @@ class Setting:
 
 
 def value_of(scenario: Any, key: str) -> Any:
-    """What a scenario says of a dotted key."""
+    """The value of a dotted key in a scenario."""
     return _reader(key)(scenario)
 
 
@@ -101,8 +101,8 @@ def setting(
         default: What a scenario has that does not give it, in the key's unit.
         unit: The key's unit; the field is in SI.
         followed_by: Who acts on it, and who leaves it out and why.
-        otherwise: Default of the field itself, in SI; that of the key if not given.
-        type: Type of the key; that of the default if not given.
+        otherwise: Default of the field itself, in SI; if not given, the default of the key.
+        type: Type of the key; if not given, the type of the default.
         changes: How it may change while a rig runs.
         bounds: Range: ge, gt, le, lt.
 
@@ -138,7 +138,7 @@ def check(item: object) -> None:
     """Make sure that an object's numbers are finite and in the ranges of the keys that set them.
 
     Raises:
-        ModelError: If one is not: which, what is allowed, and what it is.
+        ModelError: If one is not; the message has the key, the allowed range and the value.
     """
     for name, about in settings_of(type(item)).items():
         value = getattr(item, name)

@@ -16,14 +16,14 @@ OTHER_FOLDERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs
 
 
 def folder() -> Path:
-    """Where the shipped scenarios lie: beside the controllers, in a checkout and installed."""
+    """Folder of the shipped scenarios: next to the controllers, in a checkout and installed."""
     return Path(controllers.__file__).parent.parent / "scenarios"
 
 
 def model_path(name: str = "ballplate.xml") -> Path:
     """Path of a file of ``models/``, installed (twin/models) or in the repository.
 
-    The file itself need not exist; whoever opens it says so in its own words.
+    The file itself need not exist; whoever opens it reports that.
     """
     package = Path(__file__).resolve().parents[1]
     installed = package / "models" / name
@@ -42,7 +42,7 @@ def shipped_scenarios() -> dict[str, Path]:
 
 
 def shipped_in(kind: str) -> dict[str, Path]:
-    """The shipped files of another kind by name, as ``studies``."""
+    """The shipped files of a kind such as ``studies``, by name."""
     return {path.stem: path for path in sorted((folder() / kind).glob("*.toml"))}
 
 
@@ -75,7 +75,7 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
     """The file of a shipped name, or of a path.
 
     Args:
-        what: What it is called in the message.
+        what: Its name in the message.
         name: The name or path.
         known: The shipped files by name.
 
@@ -103,4 +103,4 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
 
 
 LISTING_COMMANDS = {"scenario": "list", "study": "study"}
-"""What a file is called to the command that lists the shipped ones."""
+"""Word for a kind of file in the command that lists the shipped ones."""

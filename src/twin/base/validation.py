@@ -19,7 +19,7 @@ Model = TypeVar("Model", bound=BaseModel)
 UNION_MEMBER = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")
 """How pydantic names the members of a union behind a key."""
 UNKNOWN_KEY_ERRORS = ("extra_forbidden", "unexpected_keyword_argument")
-"""What it calls an unknown key, of a model and of a dataclass."""
+"""Error types of pydantic for an unknown key, of a model and of a dataclass."""
 
 
 class Checked(BaseModel):
@@ -32,7 +32,7 @@ def read_model(model: type[Model], path: Path, *, regular: bool = False, **given
     """The model that a TOML file describes.
 
     Args:
-        model: What it must be.
+        model: Model that it must fit.
         path: The file.
         regular: Whether it is a stranger's, as of ``read_regular``.
         given: Keys in place of the file's own; None for those that are not.
@@ -49,8 +49,8 @@ def check_model(
     """The model that tables describe.
 
     Args:
-        model: What it must be.
-        tables: As a TOML file has them.
+        model: Model that it must fit.
+        tables: Tables as read from a TOML file.
         source: What a message calls them.
         given: Keys in place of their own; None for those that are not.
 
@@ -92,7 +92,7 @@ def first_finding(
         elsewhere: Dotted keys of all tables; of an unknown key those of its name, or in
             a table of its name, are suggested.
     """
-    # An unknown key explains a missing one beside it, so it comes first.
+    # An unknown key, as a misspelt one, explains a missing one, so it comes first.
     first = min(error.errors(), key=lambda item: item["type"] not in UNKNOWN_KEY_ERRORS)
     place = ".".join(str(part) for part in first["loc"])
     if first["type"] in UNKNOWN_KEY_ERRORS:

@@ -1,4 +1,4 @@
-"""What a process of ``twin.base.jobs`` runs first, by its path: it then has this installation."""
+"""First module of a process of ``twin.base.jobs``, run by its path to use this installation."""
 
 import sys
 from pathlib import Path

@@ -44,8 +44,8 @@ def check_writable(folder: Path, option: str = "--out") -> Path:
 def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
     """Make sure that no other process writes into a folder within the context.
 
-    A lock of the system on a hidden file beside the folder, gone with the process that holds it;
-    where there are no such locks, nothing.
+    It locks a hidden file next to the folder by a lock of the system, which ends with the process
+    that holds it. Systems without such locks have no check.
 
     Raises:
         ScenarioError: If another process does, or the file cannot be made.
@@ -58,7 +58,7 @@ def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
     name = lock_file(folder)
     above = [each for each in name.parents if not each.exists()]
     try:
-        number = _locked(name, fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.flock)
+        number = _lock(name, fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.flock)
     except BlockingIOError:
         raise ScenarioError(
             f"{option} {folder}: another run is writing there; name another folder"
@@ -78,22 +78,22 @@ def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
 def lock_file(folder: Path) -> Path:
     """The file that is locked while a folder is written.
 
-    It lies beside the folder; in it if that is a root, or the folder above cannot be written.
+    It lies next to the folder; inside it if the folder is a root, or its parent cannot be written.
     """
     place = folder.resolve()
     above = next(each for each in place.parents or (place,) if each.exists())
     if place.parent == place or (place.is_dir() and not os.access(above, os.W_OK)):
         return place / ".lock"
-    inner = place.name if len(os.fsencode(place.name)) <= LONGEST_NAME else None
+    inner = place.name if len(os.fsencode(place.name)) <= MAX_FOLDER_NAME_BYTES else None
     mark = inner or hashlib.sha256(os.fsencode(place.name)).hexdigest()
     return place.with_name(f".{mark}.lock")
 
 
-LONGEST_NAME = 200
+MAX_FOLDER_NAME_BYTES = 200
 """Bytes of a folder's name to which others can be added: file systems allow 255."""
 
 
-def _locked(name: Path, how: int, lock: Callable[[int, int], object]) -> int:
+def _lock(name: Path, how: int, lock: Callable[[int, int], object]) -> int:
     """Descriptor of a locked file that is still there: who held it before may just remove it."""
     while True:
         name.parent.mkdir(parents=True, exist_ok=True)
@@ -110,11 +110,11 @@ def _locked(name: Path, how: int, lock: Callable[[int, int], object]) -> int:
 
 
 def write_whole(path: Path, content: str | bytes | Callable[[Path], object]) -> None:
-    """Fill a temporary file beside ``path`` and rename it: a whole file or none.
+    """Fill a temporary file next to ``path`` and rename it: a whole file or none.
 
     Args:
         path: The file; its folder is made if missing.
-        content: What it holds, or what writes that into a file.
+        content: Its content, or a function that writes the content into a file.
 
     Raises:
         RecordError: If the folder cannot be written.
@@ -140,7 +140,7 @@ def write_whole(path: Path, content: str | bytes | Callable[[Path], object]) -> 
 
 
 def write_folder(path: Path, fill: Callable[[Path], object]) -> None:
-    """Let ``fill`` fill a temporary folder beside ``path`` and rename it: a whole folder or none.
+    """Let ``fill`` fill a temporary folder next to ``path`` and rename it: a whole folder or none.
 
     Raises:
         RecordError: If there is something of that name, or the folder cannot be written.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.catalog import EXECUTES
+from controllers.catalog import EXECUTION_LOG
 from controllers.controller import Controller, ControlStep, HeldCommand
 from controllers.interfaces import ControlLaw, Measurement, Observer, Reference
 from twin.base.errors import ScenarioError
@@ -58,7 +58,7 @@ class Board:
             file = compiled(self.control(), self.program, self.real)
         else:
             file = Path(self.program)
-            EXECUTES.info("runs the program %s, a controller for a board", file.resolve())
+            EXECUTION_LOG.info("runs the program %s, a controller for a board", file.resolve())
         return BoardProcess(file, f"board.program {self.program}", period, self.time_limit)
 
     def computing_time(self, instructions: float) -> float:

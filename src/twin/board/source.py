@@ -23,8 +23,9 @@ from __future__ import annotations
 
 import math
 import textwrap
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,6 +42,9 @@ from twin.board.protocol import ANSWERED, MEASURED, VERSION
 from twin.board.trace import check_exportable, trace
 from twin.hal.supervisor import BALL_LOST_AFTER_S
 
+if TYPE_CHECKING:
+    from jinja2 import Template
+
 BOARD = "cortex-m4"
 """The folder with what makes the controller a program of an emulated board."""
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
@@ -54,7 +58,41 @@ m to m/s^4 where these are below 1."""
 
 
 def sources(name: str, control: Control, real: str) -> dict[str, str]:
-    """The C source of a controller, by the names of its files.
+    """A controller in C with its test and README, by the names of their files.
+
+    Args:
+        name: What the names of files and functions begin with.
+        control: The controller.
+        real: ``double`` or ``float``.
+
+    Raises:
+        ScenarioError: If the controller has no form in C.
+    """
+    given = controller_parts(name, control, real)
+    found = controller_sources(given)
+    found[f"test_{name}.c"] = _render("test.c.j2", real, given)
+    for each in ("board.c", "board.ld"):
+        found[f"{BOARD}/{each}"] = _render(f"{each}.j2", real, given)
+    ring, states, memory = (given[each] for each in ("ring", "states", "memory"))
+    given |= {
+        "footprint": measure_footprint(name, found),
+        "ram_bytes": NUMBER_BYTES[real] * (states + memory + 4 + 2 * ring) + 8,
+        "ball_lost": BALL_LOST_AFTER_S,
+        "build": build_command(BOARD, name),
+    }
+    return found | {"README.md": _render("README.md.j2", real, given)}
+
+
+def controller_sources(given: dict[str, Any]) -> dict[str, str]:
+    """C source and header of a controller, by name, from its ``controller_parts``."""
+    return {
+        f"{given['name']}.{end}": _render(f"controller.{end}.j2", given["real"], given)
+        for end in "ch"
+    }
+
+
+def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
+    """What the templates need of a controller.
 
     Args:
         name: What the names of files and functions begin with.
@@ -76,7 +114,7 @@ def sources(name: str, control: Control, real: str) -> dict[str, str]:
     smith = observer if isinstance(observer, Smith) else None
     inner = observer if smith is None else smith.observer
     traced = trace(law, inner, control.limits, period, real)
-    given: dict[str, Any] = {
+    return {
         **traced._asdict(),
         "name": name,
         "guard": name.upper(),
@@ -97,21 +135,6 @@ def sources(name: str, control: Control, real: str) -> dict[str, str]:
         "shift": INSTRUCTION_SHIFT,
         **reference_parts(control),
     }
-    found = {
-        f"{name}.c": _render("controller.c.j2", real, given),
-        f"{name}.h": _render("controller.h.j2", real, given),
-        f"test_{name}.c": _render("test.c.j2", real, given),
-        f"{BOARD}/board.c": _render("board.c.j2", real, given),
-        f"{BOARD}/board.ld": _render("board.ld.j2", real, given),
-    }
-    given |= {
-        "footprint": measure_footprint(name, found),
-        "ram_bytes": NUMBER_BYTES[real] * (traced.states + traced.memory + 4 + 2 * given["ring"])
-        + 8,
-        "ball_lost": BALL_LOST_AFTER_S,
-        "build": build_command(BOARD, name),
-    }
-    return found | {"README.md": _render("README.md.j2", real, given)}
 
 
 def reference_parts(control: Control) -> dict[str, Any]:
@@ -131,6 +154,12 @@ def reference_parts(control: Control) -> dict[str, Any]:
 
 
 def _render(template: str, real: str, given: dict[str, Any]) -> str:
+    return _compile_template(template, real).render(given)
+
+
+@cache
+def _compile_template(template: str, real: str) -> Template:
+    """A template for numbers of a C type, compiled once."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: loaded when needed
 
     how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
@@ -139,7 +168,7 @@ def _render(template: str, real: str, given: dict[str, Any]) -> str:
     how.filters["rows"] = lambda values: _rows(values, real)
     how.filters["table"] = lambda values: _table(values, real)
     how.globals["number"] = lambda value: number(value, real)
-    return how.from_string((TEMPLATE_FOLDER / template).read_text(encoding="utf-8")).render(given)
+    return how.from_string((TEMPLATE_FOLDER / template).read_text(encoding="utf-8"))
 
 
 def _table(values: Array, real: str) -> str:

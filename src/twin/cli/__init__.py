@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from twin.cli.options import Command
 
 COMMAND_GROUPS: dict[str, dict[str, str]] = read_packaged("twin.cli", "commands.toml")
-"""What a person wants, to the commands for it and where they are defined."""
+"""Groups of commands by purpose, with the place of each command."""
 
 COMMANDS = {name: place for group in COMMAND_GROUPS.values() for name, place in group.items()}
 """Command name to where it is defined; imported only when called, to start fast."""
@@ -126,7 +126,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 _BROKEN_OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
-"""What writing to a full or broken standard output ends with."""
+"""Errors of writing to a full or broken standard output."""
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

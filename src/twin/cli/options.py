@@ -22,8 +22,8 @@ from twin.base.shipped import find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
 from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
 
-CLOSED = "BALLPLATE_LAWS_CLOSED"
-"""As ``controllers.catalog`` has it, which a command imports when it needs it."""
+LAWS_CLOSED_VARIABLE = "BALLPLATE_LAWS_CLOSED"
+"""Copy of the name in ``controllers.catalog``, which a command imports only when it needs it."""
 
 if TYPE_CHECKING:
     from ballplate.running import Attach
@@ -74,14 +74,14 @@ class Command(click.Command):
 @contextmanager
 def laws_left_alone() -> Iterator[None]:
     """Nothing of the folder ``laws`` is run within; files given by ``--law`` are."""
-    before = os.environ.get(CLOSED)
-    os.environ[CLOSED] = "yes"
+    before = os.environ.get(LAWS_CLOSED_VARIABLE)
+    os.environ[LAWS_CLOSED_VARIABLE] = "yes"
     try:
         yield
     finally:
-        os.environ.pop(CLOSED)
+        os.environ.pop(LAWS_CLOSED_VARIABLE)
         if before is not None:
-            os.environ[CLOSED] = before
+            os.environ[LAWS_CLOSED_VARIABLE] = before
 
 
 command = functools.partial(click.command, cls=Command)
@@ -111,7 +111,7 @@ def completion(context: click.Context, shell: str) -> int:
 
 
 def _completes(known: Callable[[], Iterable[str]]) -> Any:
-    """What offers the known names that begin as a word does; files where there are none."""
+    """Completion of known names from the beginning of a word; of files where there are no names."""
     return lambda _, __, incomplete: _complete_names(incomplete, known())
 
 
@@ -190,12 +190,12 @@ def check_scenario_name(_: click.Context, __: click.Parameter, name: str) -> str
     return name
 
 
-PATH = click.Path(path_type=Path)
+PATH_TYPE = click.Path(path_type=Path)
 """A file or folder, there or not."""
 SCENARIO = functools.partial(
     click.argument, "scenario", callback=check_scenario_name, shell_complete=scenarios
 )
-_SET = click.option(
+_SET_OPTION = click.option(
     "--set",
     "overrides",
     multiple=True,
@@ -204,7 +204,7 @@ _SET = click.option(
     help="Change a key of the scenario.",
     shell_complete=settings,
 )
-_ON = click.option(
+_ON_OPTION = click.option(
     "--on",
     metavar="RIG",
     expose_value=False,
@@ -217,23 +217,23 @@ _ON = click.option(
 
 def SETTING(command: Any) -> Any:  # noqa: N802 - an option, as the others
     """The options that change a scenario: ``--on`` and ``--set``."""
-    return _SET(_ON(command))
+    return _SET_OPTION(_ON_OPTION(command))
 
 
-_COLUMNS = click.option(
+_COLUMNS_OPTION = click.option(
     "--columns",
     metavar="ROLE=NAME:UNIT,...",
     help="Columns of a log of any rig: time, measured_x, measured_y, command_phi, command_theta.",
 )
-_SEPARATOR = click.option("--separator", help="Between its columns, as ; or tab [found].")
+_SEPARATOR_OPTION = click.option("--separator", help="Between its columns, as ; or tab [found].")
 
 
 def COLUMNS(command: Any) -> Any:  # noqa: N802 - an option, as the others
     """The options that tell what a log of any rig holds."""
-    return _COLUMNS(_SEPARATOR(command))
+    return _COLUMNS_OPTION(_SEPARATOR_OPTION(command))
 
 
-PLANT = click.option(
+PLANT_OPTION = click.option(
     "--plant",
     type=click.Choice(["mujoco", "lagrange"]),
     expose_value=False,
@@ -241,7 +241,7 @@ PLANT = click.option(
     callback=_note,
     help="Simulate the mechanism, or the exact equations.",
 )
-BOARD = click.option(
+BOARD_OPTION = click.option(
     "--board",
     metavar="PROCESSOR",
     expose_value=False,
@@ -250,26 +250,26 @@ BOARD = click.option(
     help="Run the controller as C code on an emulated processor, cortex-m4, or on this computer, "
     "host; or as the program FILE.elf.",
 )
-PROCESSES = click.option(
+PROCESSES_OPTION = click.option(
     "--processes", "-j", type=click.IntRange(min=1), help="Processors to use [all]."
 )
 
 
-VARY = click.option(
+VARY_OPTION = click.option(
     "--vary",
     multiple=True,
     metavar="KEY=[A,B,...]",
     shell_complete=settings,
     help="Run once for each value of a key; repeat the option for all combinations.",
 )
-WITH = click.option(
+WITH_OPTION = click.option(
     "--with",
     "variants",
     multiple=True,
     metavar="NAME='KEY=VALUE; ...'",
     help="Run the first scenario with these changes, under this name; repeatable.",
 )
-SCHEDULER = click.option(
+SCHEDULER_OPTION = click.option(
     "--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler."
 )
 
@@ -299,17 +299,17 @@ def describe_unused_files(scenario: Scenario) -> list[str]:
     ]
 
 
-LAW = click.option(
+LAW_OPTION = click.option(
     "--law",
     multiple=True,
-    type=PATH,
+    type=PATH_TYPE,
     expose_value=False,
     is_eager=True,
     callback=_add_laws,
     help="Take in laws, observers and references of a Python file, as of laws/ where it is no "
     "command that only reads.",
 )
-JSON = click.option(
+JSON_OPTION = click.option(
     "--json",
     is_flag=True,
     expose_value=False,
@@ -317,17 +317,19 @@ JSON = click.option(
     help="Print JSON and nothing else.",
 )
 
-ALL = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
+ALL_OPTION = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
 
 
-RIG = click.option("--rig", metavar="FILE", help="Rig file, or `emulated` for the virtual rig.")
+RIG_OPTION = click.option(
+    "--rig", metavar="FILE", help="Rig file, or `emulated` for the virtual rig."
+)
 EMPTY_RIG = click.option(
     "--rig",
     metavar="FILE",
     default=EMULATED_RIG,
     help="Rig file [`emulated`, the virtual rig]; calibrated with the ball off, the plate level.",
 )
-RESET = click.option(
+RESET_OPTION = click.option(
     "--reset", is_flag=True, help="With --rig: reset faults found in the drives when switching on."
 )
 
@@ -336,7 +338,7 @@ WEB_PORT = 9090
 TWIN_TIMEOUT_S = 60.0
 """Most seconds that the twin gets for its last report: it has the lowest priority."""
 
-SERVE = click.option(
+SERVE_OPTION = click.option(
     "--serve",
     type=click.IntRange(1, 65535),
     is_flag=False,
@@ -344,14 +346,14 @@ SERVE = click.option(
     metavar="[PORT]",
     help=f"Watch in a browser of this machine [{WEB_PORT}].",
 )
-LEARN = click.option(
+LEARN_OPTION = click.option(
     "--learn", is_flag=True, help="Let the twin learn for 20 s before it judges: an unknown rig."
 )
-WATCHING = (
+WATCH_OPTIONS = (
     click.option("--shadow", is_flag=True, help="Run the twin along: alarms with causes."),
-    LEARN,
+    LEARN_OPTION,
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
-    SERVE,
+    SERVE_OPTION,
 )
 
 
@@ -444,4 +446,4 @@ class Viewing:
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON
     """Give a command the options above, which are the arguments of ``Viewing``."""
-    return functools.reduce(lambda whole, option: option(whole), reversed(WATCHING), command)
+    return functools.reduce(lambda whole, option: option(whole), reversed(WATCH_OPTIONS), command)

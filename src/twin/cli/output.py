@@ -1,4 +1,4 @@
-"""What the commands print: tables for people, JSON for programs, progress for waiting."""
+"""Output of the commands: tables for people, JSON for programs, progress for waiting."""
 
 from __future__ import annotations
 

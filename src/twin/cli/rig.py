@@ -72,7 +72,7 @@ STATUS_COLOURS = {
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
 @options.SETTING
-@options.JSON
+@options.JSON_OPTION
 def doctor(
     rig: str,
     scenario: str,
@@ -131,7 +131,7 @@ def _ask(word: str) -> None:
 
 
 def request(word: str) -> str:
-    """What a person is asked to do, in words."""
+    """Instruction to a person, in words."""
     match word.split():
         case ["touch", x, y]:
             return f"touch the plate at x {float(x):+g}, y {float(y):+g} mm and hold"
@@ -169,8 +169,10 @@ def request(word: str) -> str:
     multiple=True,
     help="CANopen node of a drive, once for each drive [1 and 2; with an inertia 1].",
 )
-@click.option("--control", type=options.PATH, help="Obey lines of a Unix socket there.")
-@click.option("--eds", type=options.PATH, help="Only write the EDS of the cia402 drives there.")
+@click.option("--control", type=options.PATH_TYPE, help="Obey lines of a Unix socket there.")
+@click.option(
+    "--eds", type=options.PATH_TYPE, help="Only write the EDS of the cia402 drives there."
+)
 @click.option(
     "--protocol",
     type=click.Choice([str(protocol) for protocol in Protocol]),
@@ -180,7 +182,7 @@ def request(word: str) -> str:
 @click.option(
     "--write",
     "file",
-    type=options.PATH,
+    type=options.PATH_TYPE,
     help="Where to write the rig file of AKD drives [emulated.toml].",
 )
 def emulate(
@@ -211,7 +213,7 @@ def emulate(
 
     if eds is not None:
         if kind == "akd":
-            raise RigError("--eds: is of --drive cia402; that of an AKD is from its maker")
+            raise RigError("--eds: belongs to --drive cia402; the EDS of an AKD is from its maker")
         from twin.emulator.profile_eds import eds_text
 
         write_whole(eds, eds_text())
@@ -255,7 +257,7 @@ def _virtual_bus(
     nodes: tuple[int, ...],
     protocol: str,
 ) -> VirtualBus:
-    """What `emulate` serves, by its options.
+    """The devices that `emulate` serves, by its options.
 
     Raises:
         RigError: Options that do not go together, or a bus that cannot be opened.
@@ -300,11 +302,11 @@ def _listen(rig: VirtualBus) -> None:
     "words",
     multiple=True,
     metavar="WORDS",
-    help="Inject only faults whose name or condition has these words; repeatable.",
+    help="Inject only faults with these words in name or condition; repeatable.",
 )
-@click.option("--out", type=options.PATH, help="Also write a failure mode sheet, .csv.")
-@options.PROCESSES
-@options.JSON
+@click.option("--out", type=options.PATH_TYPE, help="Also write a failure mode sheet, .csv.")
+@options.PROCESSES_OPTION
+@options.JSON_OPTION
 def safety(
     words: tuple[str, ...], out: Path | None, processes: int | None, *, only_list: bool
 ) -> int:
@@ -350,29 +352,39 @@ def _write_sheet(out: Path, rows: Iterable[Iterable[object]]) -> None:
 
 
 def _table(rows: list[FaultRow]) -> Table:
-    from twin.safety.trial import TABLE_HEADINGS, cells
+    from twin.safety.trial import FAULT_HEADINGS, cells
 
     lines = [
         (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
     ]
-    return Table("", (*TABLE_HEADINGS, "verdict"), lines, words=range(len(TABLE_HEADINGS) + 1))
+    return Table("", (*FAULT_HEADINGS, "verdict"), lines, words=range(len(FAULT_HEADINGS) + 1))
 
 
 @options.command(example="trace runs/circle-rig=emulated", reads=True)
-@click.argument("file", type=options.PATH)
-@click.option("--rig", type=options.PATH, help="Rig file: names, scales and mapping of its drives.")
-@click.option("--eds", type=options.PATH, help="EDS file of the drives: what objects are called.")
+@click.argument("file", type=options.PATH_TYPE)
+@click.option(
+    "--rig", type=options.PATH_TYPE, help="Rig file: names, scales and mapping of its drives."
+)
+@click.option(
+    "--eds", type=options.PATH_TYPE, help="EDS file of the drives: what objects are called."
+)
 @click.option("--channel", help="Which channel of the trace [the one with most frames].")
 @click.option(
-    "--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s, for its load [that of --rig]."
+    "--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s, for its load [from --rig]."
 )
 @click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
-@click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
+@click.option("--out", type=options.PATH_TYPE, help="Also write the events there, a CSV file.")
 @click.option("--all", "everything", is_flag=True, help="Also what nodes sent, values and events.")
-@click.option("--check", is_flag=True, help="Exit with 1 if a problem is unresolved at the end.")
-@click.option("--touch", type=options.PATH, help="The data of the touch screen, a CSV file.")
-@click.option("--log", type=options.PATH, help="With --rig and --touch: write a log there, .csv.")
-@options.JSON
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Exit with 1 if a problem is unresolved at the end, or no node is heard.",
+)
+@click.option("--touch", type=options.PATH_TYPE, help="The data of the touch screen, a CSV file.")
+@click.option(
+    "--log", type=options.PATH_TYPE, help="With --rig and --touch: write a log there, .csv."
+)
+@options.JSON_OPTION
 def trace(
     file: Path,
     rig: Path | None,
@@ -396,7 +408,7 @@ def trace(
     --replay sends the host's frames to emulated drives, and reports different answers.
     """
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
-    from twin.devices.akd.findings import Severity, assess
+    from twin.devices.akd.findings import assess
     from twin.devices.akd.traces import read_trace
 
     if log is not None and (rig is None or touch is None):
@@ -447,7 +459,7 @@ def trace(
     else:
         shown.append(dim("more: --all for what each node sent, values and events"))
     show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
-    return int(check and verdict.worst is Severity.UNRESOLVED)
+    return int(check and not verdict.good)
 
 
 def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:
@@ -476,10 +488,10 @@ DEFAULT_PORT = 8090
 
 @options.command(example="play circle")
 @options.SCENARIO(default="hold")
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.PLANT
-@click.option("--out", type=options.PATH, help="Run folder [runs/play-SCENARIO].")
+@options.PLANT_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Run folder [runs/play-SCENARIO].")
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
@@ -552,7 +564,7 @@ def _turn_plate(
     help="Of the triangle, deg of the plate [1].",
 )
 @options.SETTING
-@options.JSON
+@options.JSON_OPTION
 def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
@@ -583,11 +595,11 @@ def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
 @options.EMPTY_RIG
 @click.option(
     "--out",
-    type=options.PATH,
+    type=options.PATH_TYPE,
     default=Path("touch-of-rig.json"),
     help="Calibration file [touch-of-rig.json].",
 )
-@options.JSON
+@options.JSON_OPTION
 def touch(rig: str, out: Path) -> None:
     """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
 
@@ -639,14 +651,14 @@ calibrate.add_command(lost_motion)
 @options.EMPTY_RIG
 @click.option(
     "--out",
-    type=options.PATH,
+    type=options.PATH_TYPE,
     default=Path("cams-of-rig.json"),
     help="File of the table [cams-of-rig.json].",
 )
 @click.option("--reach", type=options.Finite(0.5, 8), default=6.0, help="Largest angle, deg [6].")
 @click.option("--lines", type=click.IntRange(4, 33), default=9, help="Points per axis [9].")
 @options.SETTING
-@options.JSON
+@options.JSON_OPTION
 def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ...]) -> None:
     """Measure the cam table of a rig: what its motors must turn for angles of the plate.
 
@@ -672,8 +684,8 @@ def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ..
 
 
 @calibrate.command(cls=options.Command, example="calibrate level runs/excite")
-@click.argument("log", type=options.PATH)
-@options.JSON
+@click.argument("log", type=options.PATH_TYPE)
+@options.JSON_OPTION
 def level(log: Path) -> int:
     """Estimate from a recorded run how far the base is off level, and say how to correct it.
 
@@ -696,7 +708,7 @@ def level(log: Path) -> int:
 
 
 def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
-    """What to do about the level of one axis, in words.
+    """Advice on the level of one axis, in words.
 
     Args:
         found: The tilt about the axis in deg.

@@ -6,7 +6,7 @@ import keyword
 import re
 import tempfile
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +21,15 @@ from twin.base.shipped import folder, model_path
 from twin.base.writing import write_whole
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, say, show, show_titles
-from twin.run.files import FILM_SUFFIXES, NEWEST_RUN, check_no_scenario, free, run_folder
+from twin.run.files import (
+    FILM_SUFFIXES,
+    NEWEST_RUN,
+    check_no_scenario,
+    free,
+    is_last,
+    last,
+    run_folder,
+)
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -30,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @options.command("list", example="list")
-@options.JSON
+@options.JSON_OPTION
 def list_scenarios() -> None:
     """List the scenarios that can be run by name."""
     show_titles(scenarios())
@@ -38,19 +46,19 @@ def list_scenarios() -> None:
 
 @options.command(example="run circle --beside cure")
 @options.SCENARIO()
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.PLANT
-@options.BOARD
-@click.option("--out", type=options.PATH, help="Run folder [runs/SCENARIO-CHANGES].")
+@options.PLANT_OPTION
+@options.BOARD_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Run folder [runs/SCENARIO-CHANGES].")
 @click.option(
     "--beside",
     multiple=True,
     metavar="SCENARIO",
     help="Run this one as well, simulated, for table and picture; may be repeated.",
 )
-@options.RIG
-@options.RESET
+@options.RIG_OPTION
+@options.RESET_OPTION
 @click.option(
     "--fault",
     "faults",
@@ -61,13 +69,13 @@ def list_scenarios() -> None:
 )
 @click.option(
     "--trace",
-    type=options.PATH,
+    type=options.PATH_TYPE,
     help="Of a rig: keep the frames of its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
 @options.VIEWING
-@options.ALL
-@options.JSON
+@options.ALL_OPTION
+@options.JSON_OPTION
 def run(
     scenario: str,
     overrides: tuple[str, ...],
@@ -154,17 +162,17 @@ def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
 
 @options.command(example='compare circle --vary \'controller.kind=["afl", "lqr"]\'')
 @click.argument("sources", nargs=-1, required=True, shell_complete=options.sources)
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.PLANT
-@options.BOARD
-@options.WITH
-@options.VARY
-@click.option("--out", type=options.PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
-@options.PROCESSES
+@options.PLANT_OPTION
+@options.BOARD_OPTION
+@options.WITH_OPTION
+@options.VARY_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/compare-SOURCES-CHANGES].")
+@options.PROCESSES_OPTION
 @options.COLUMNS
-@options.ALL
-@options.JSON
+@options.ALL_OPTION
+@options.JSON_OPTION
 def compare(
     sources: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -215,13 +223,13 @@ def compare(
 @options.command(example="sweep circle plant.friction.rolling_mm=0:0.5:6")
 @options.SCENARIO()
 @click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=options.settings)
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.PLANT
-@options.VARY
-@click.option("--out", type=options.PATH, help="Folder [runs/sweep-...].")
-@options.PROCESSES
-@options.JSON
+@options.PLANT_OPTION
+@options.VARY_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/sweep-...].")
+@options.PROCESSES_OPTION
+@options.JSON_OPTION
 def sweep(
     scenario: str,
     values: str,
@@ -267,8 +275,8 @@ LISTED_KINDS = {"laws": "controller", "observers": "observer", "references": "re
 @click.argument(
     "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=options.names
 )
-@options.LAW
-@options.JSON
+@options.LAW_OPTION
+@options.JSON_OPTION
 def describe(name: str) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
@@ -317,7 +325,7 @@ _START_TABLES = read_toml(STARTS_IN / "starts.toml")
 LAW_STARTS: dict[str, dict[str, Any]] = _START_TABLES["like"]
 """What a law may begin as: what its start has otherwise."""
 START_FILES = {kind: Start(**about) for kind, about in _START_TABLES["starts"].items()}
-NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
+LAW_NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 @options.command(example="new law mine --like pid")
@@ -330,7 +338,7 @@ NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
 )
 def new(kind: str, name: str, like: str | None) -> int:
     """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
-    if not NAME_PATTERN.fullmatch(name) or keyword.iskeyword(name):
+    if not LAW_NAME_PATTERN.fullmatch(name) or keyword.iskeyword(name):
         allowed = "small letters, digits and _, no word of Python, as in my_law"
         raise ScenarioError(f"NAME '{name[:60]}': must be {allowed}")
     from twin.scenario.schema import CATALOG_TABLES, choices
@@ -378,9 +386,9 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
 
 
 @options.command(example="view runs/circle", reads=True)
-@click.argument("runs", nargs=-1, type=options.PATH, shell_complete=options.runs)
-@click.option("--rrd", type=options.PATH, help="Write a recording, open no viewer.")
-@options.SERVE
+@click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
+@click.option("--rrd", type=options.PATH_TYPE, help="Write a recording, open no viewer.")
+@options.SERVE_OPTION
 def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
 
@@ -453,10 +461,22 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     return names
 
 
+def _report_folder(asked: tuple[Path, ...], opened: Sequence[Run]) -> Path:
+    """Folder of a report: of its run, of its comparison, or the folder above its runs."""
+    folder = opened[0].folder
+    assert folder is not None
+    if len(opened) == 1:
+        return folder
+    if len(asked) > 1:
+        return folder.parent
+    (comparison,) = asked or (Path(NEWEST_RUN),)
+    return last() if is_last(comparison) else comparison
+
+
 @options.command(example="report runs/circle --format html,png", reads=True)
-@click.argument("runs", nargs=-1, type=options.PATH, shell_complete=options.runs)
+@click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
 @click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,svg")
-@click.option("--out", type=options.PATH, help="File without ending [RUN/report].")
+@click.option("--out", type=options.PATH_TYPE, help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     """Report on one run folder, or compare several: a page, pictures.
 
@@ -465,15 +485,13 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     opened = _open_runs(runs)
     from twin.base.page import encode_figure  # heavy: a wrong name was reported before
     from twin.devices.akd import TRACE_FILE
-    from twin.devices.akd.traces import SEAL, altered
+    from twin.devices.akd.traces import SEAL_FILE, find_altered_parts
     from twin.view.html import details, html, overview
 
     for each in opened:
-        if each.folder is not None and (each.folder / SEAL).exists():
-            each.incomplete = (*each.incomplete, *altered(each.folder / TRACE_FILE))
-    folder = opened[0].folder
-    assert folder is not None
-    stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
+        if each.folder is not None and (each.folder / SEAL_FILE).exists():
+            each.incomplete = (*each.incomplete, *find_altered_parts(each.folder / TRACE_FILE))
+    stem = out or _report_folder(runs, opened) / "report"
     if stem.suffix.removeprefix(".") in REPORT_FORMATS:
         stem = stem.with_suffix("")
     if stem.is_dir():
@@ -488,12 +506,12 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 
 
 @options.command(example="export runs/circle circle.mat", reads=True)
-@click.argument("run", type=options.PATH, shell_complete=options.runs)
-@click.argument("file", type=options.PATH)
+@click.argument("run", type=options.PATH_TYPE, shell_complete=options.runs)
+@click.argument("file", type=options.PATH_TYPE)
 @click.option(
     "--beside",
     multiple=True,
-    type=options.PATH,
+    type=options.PATH_TYPE,
     metavar="RUN",
     help="Of a moving picture: show this one as well; may be repeated.",
     shell_complete=options.runs,
@@ -503,8 +521,14 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option("--seconds", type=float, help="How long it lasts, s [as long as the run did].")
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
-@click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
-@click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
+@click.option("--fmi", type=click.Choice(["2", "3"]), help="Of an .fmu: version of FMI [2].")
+@click.option(
+    "--reference",
+    "reference_output",
+    is_flag=True,
+    help="Of an .fmu: the reference is an output of the rig, or inputs of the controller.",
+)
+@click.option("--controller", is_flag=True, help="Of an .fmu: the controller, not the rig.")
 @click.option("--bus", is_flag=True, help="A drive, akd, as a node of a simulated CAN bus.")
 @click.option(
     "--real", type=click.Choice(("double", "float")), help="Of a controller in C [double]."
@@ -520,7 +544,8 @@ def export(
     file: Path,
     beside: tuple[Path, ...],
     fmi: str | None,
-    wished: bool,
+    reference_output: bool,
+    controller: bool,
     bus: bool,
     real: str | None,
     overrides: tuple[str, ...],
@@ -534,16 +559,21 @@ def export(
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
     ballplate export circle rig.fmu --fmi 3 --set plant.friction.rolling_mm=0.1
 
+    Or its controller, which drives that rig:
+    ballplate export circle controller.fmu --controller
+
     Or a drive, as a node of a simulated CAN bus (FMI 3.0 with FMI-LS-BUS 1.0):
     ballplate export akd drive.fmu --bus
 
     Or a scenario's controller, as a folder of C source for a board, here controller/:
     ballplate export circle controller.c --real float
     """
-    if real and file.suffix != ".c":
-        raise RecordError(f"{file}: --real is of a controller in C: .c")
+    if controller and (bus or file.suffix != ".fmu"):
+        raise RecordError(f"{file}: --controller is of a scenario's controller as an FMU: .fmu")
+    if real and file.suffix != ".c" and not controller:
+        raise RecordError(f"{file}: --real is of a controller in C: .c, or .fmu with --controller")
     given = {name: value for name, value in cut.items() if value is not None}
-    of_picture, of_rig = beside or given, fmi or wished
+    of_picture, of_rig = beside or given, fmi or reference_output
     if bus:
         if of_picture or of_rig or overrides:
             raise RecordError(f"{file}: a drive, --bus, is exported without any other option")
@@ -551,26 +581,16 @@ def export(
 
         say(f"written to {drive_fmu(str(run), file, reporter=TERMINAL)}")
         return 0
-    if file.suffix == ".fmu":
+    if file.suffix in {".fmu", ".c"}:
         if of_picture:
             raise RecordError(
-                f"{file}: of an .fmu there are the options --fmi, --reference, --on and --set only"
+                f"{file}: of an .fmu there are the options --fmi, --reference, --controller, "
+                "--real, --on and --set only, of a .c --real, --on and --set"
             )
-        from ballplate.rigs import fmu
-
-        made = fmu(run, file, overrides, fmi=int(fmi or 2), wished=wished, reporter=TERMINAL)
-        say(f"written to {made}")
-        return 0
-    if file.suffix == ".c":
-        if of_picture or of_rig:
-            raise RecordError(
-                f"{file}: of a controller in C there are the options --real, --on and --set only"
-            )
-        from ballplate.rigs import controller_source
-
-        made = controller_source(run, file, overrides, real=real or "double")
-        say(f"written to {made}/")
-        return 0
+        number = int(fmi) if fmi else None
+        return _export_scenario(
+            run, file, overrides, number, real, reference_output, controller=controller
+        )
     if of_rig or overrides:
         raise RecordError(f"{file}: --fmi, --reference, --on, --set are of a scenario's rig: .fmu")
     from ballplate.comparing import label_runs
@@ -593,6 +613,33 @@ def export(
     first.label, first.beside = name, dict(others)
     first.export(file, **given, reporter=TERMINAL)
     say(f"written to {file}{'' if file.suffix else '/'}")
+    return 0
+
+
+def _export_scenario(
+    name: Path,
+    file: Path,
+    overrides: tuple[str, ...],
+    fmi: int | None,
+    real: str | None,
+    reference: bool,
+    *,
+    controller: bool,
+) -> int:
+    """Export a scenario's rig or controller as an FMU, or its controller as C source."""
+    from ballplate.rigs import controller_fmu, controller_source, fmu
+
+    kind: dict[str, Any] = {"fmi": fmi or 2, "reporter": TERMINAL}
+    real = real or "double"
+    if file.suffix == ".c":
+        if fmi or reference:
+            raise RecordError(f"{file}: --fmi and --reference are of an .fmu")
+        say(f"written to {controller_source(name, file, overrides, real=real)}/")
+    elif controller:
+        kind |= {"real": real, "reference_inputs": reference}
+        say(f"written to {controller_fmu(name, file, overrides, **kind)}")
+    else:
+        say(f"written to {fmu(name, file, overrides, wished=reference, **kind)}")
     return 0
 
 

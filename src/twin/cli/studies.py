@@ -17,7 +17,7 @@ from twin.base.page import Table
 from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
 from twin.base.writing import check_writable
 from twin.cli import options
-from twin.cli.options import JSON, PATH, PROCESSES, Command, Group
+from twin.cli.options import JSON_OPTION, PATH_TYPE, PROCESSES_OPTION, Command, Group
 from twin.cli.output import TERMINAL, bold, print_shipped, progress, say, show, show_titles, warn
 
 if TYPE_CHECKING:
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
 @click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
-@options.PROCESSES
-@options.SCHEDULER
-@click.option("--out", type=options.PATH, help="Folder [runs/study-NAME].")
-@options.LAW
-@options.JSON
+@options.PROCESSES_OPTION
+@options.SCHEDULER_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/study-NAME].")
+@options.LAW_OPTION
+@options.JSON_OPTION
 def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int:
     """Run a study: a shipped one by name, or a TOML file; without a name, list them.
 
@@ -133,11 +133,11 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 @options.SETTING
 @click.option("--candidates", type=click.IntRange(min=2), help="Override the tune's candidates.")
 @click.option("--certificate", type=click.IntRange(min=1), help="Override its fresh rigs.")
-@options.PROCESSES
-@options.SCHEDULER
-@click.option("--out", type=options.PATH, help="Folder [runs/tune-NAME].")
-@options.LAW
-@options.JSON
+@options.PROCESSES_OPTION
+@options.SCHEDULER_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/tune-NAME].")
+@options.LAW_OPTION
+@options.JSON_OPTION
 def tune(tune: str | None, overrides: tuple[str, ...], out: Path | None, **how: Any) -> int:
     """Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file.
 
@@ -200,7 +200,7 @@ BENCHMARK_NOTE = (
 )
 
 
-SEASON = click.option(
+SEASON_OPTION = click.option(
     "--season", metavar="KEY", help="Take the 64 rigs that this key draws, not the frozen ones."
 )
 
@@ -211,8 +211,8 @@ def bench() -> None:
 
 
 @bench.command("list", cls=Command, example="bench list", reads=True)
-@SEASON
-@JSON
+@SEASON_OPTION
+@JSON_OPTION
 def list_laws(season: str | None) -> int:
     """List the laws of this project, which are the first entries.
 
@@ -238,11 +238,11 @@ def _count_runs(title: str, benchmark: Benchmark) -> Iterator[Callable[[int, int
 
 @bench.command(cls=Command, example="bench run my_law.py --out entry")
 @click.argument("entry")
-@click.option("--out", type=PATH, help="Folder of the entry [runs/bench-ENTRY].")
-@SEASON
-@PROCESSES
-@options.SCHEDULER
-@JSON
+@click.option("--out", type=PATH_TYPE, help="Folder of the entry [runs/bench-ENTRY].")
+@SEASON_OPTION
+@PROCESSES_OPTION
+@options.SCHEDULER_OPTION
+@JSON_OPTION
 def run(
     entry: str, out: Path | None, season: str | None, processes: int | None, scheduler: str | None
 ) -> int:
@@ -261,12 +261,12 @@ def run(
     with executors(processes, scheduler) as (executor, count):
         how: dict[str, Any] = {"executor": executor, "processes": count}
         if season:
-            with _count_runs("reference law", benchmark) as told:
-                benchmark.known(progress=told, **how)
+            with _count_runs("reference law", benchmark) as progress:
+                benchmark.known(progress=progress, **how)
         minutes = max(1, round(benchmark.processor_time(about, place) / count / 60))
         TERMINAL.note(f"{about.title}: all runs take about {minutes} min, {count} side by side")
-        with _count_runs(about.title, benchmark) as told:
-            rows = benchmark.run_entry(about, place, Store(folder), progress=told, **how)
+        with _count_runs(about.title, benchmark) as progress:
+            rows = benchmark.run_entry(about, place, Store(folder), progress=progress, **how)
     found = benchmark.write(folder, about, place, rows)
     files = "entry.toml, runs.parquet, scores.json, commands.npz"
     shown = _table(f"{about.title}, on {rigs_of(benchmark.season)}", found)
@@ -275,9 +275,9 @@ def run(
 
 
 @bench.command(cls=Command, example="bench verify entry", reads=True)
-@click.argument("entry", required=False, type=PATH)
-@SEASON
-@JSON
+@click.argument("entry", required=False, type=PATH_TYPE)
+@SEASON_OPTION
+@JSON_OPTION
 def verify(entry: Path | None, season: str | None) -> int:
     """Verify an entry: its scores, and its commands replayed; none of its code is run.
 
@@ -290,8 +290,8 @@ def verify(entry: Path | None, season: str | None) -> int:
     if season is not None and entry is None:
         raise click.UsageError("--season: needs the ENTRY that is verified")
     benchmark = Benchmark(key=season)
-    with _count_runs("reference law", benchmark) if season else nullcontext() as told:
-        replayed = benchmark.replay(entry, progress=told) if entry else benchmark.differences()
+    with _count_runs("reference law", benchmark) if season else nullcontext() as progress:
+        replayed = benchmark.replay(entry, progress=progress) if entry else benchmark.differences()
         wrong = list(replayed)
     right = (
         "the benchmark: as it was frozen" if entry is None else f"{entry}: {benchmark.confirmed}"
@@ -301,8 +301,8 @@ def verify(entry: Path | None, season: str | None) -> int:
 
 
 @bench.command(cls=Command, example="bench table runs/bench-lqr runs/bench-afl", reads=True)
-@click.argument("entries", nargs=-1, required=True, type=PATH)
-@JSON
+@click.argument("entries", nargs=-1, required=True, type=PATH_TYPE)
+@JSON_OPTION
 def table(entries: Sequence[Path]) -> int:
     """Put finished entries side by side: the relative error of each in each task."""
     from twin.lab.bench import rigs_of, scores_side_by_side
@@ -360,8 +360,8 @@ def _refuse_missing(answer: Path | None) -> None:
         raise ScenarioError(f"{answer}: no such file{meant}")
 
 
-LAB = click.argument("lab", callback=_lab)
-KEY = click.option("--key", type=PATH, help="File with the course's key.")
+LAB_ARGUMENT = click.argument("lab", callback=_lab)
+KEY_OPTION = click.option("--key", type=PATH_TYPE, help="File with the course's key.")
 
 
 @click.group(cls=Group, example="lab check signs answer.py")
@@ -370,7 +370,7 @@ def lab() -> None:
 
 
 @lab.command("list", cls=Command, example="lab list", reads=True)
-@JSON
+@JSON_OPTION
 def list_labs() -> int:
     """List the shipped labs."""
     files = {name: place / "lab.toml" for name, place in shipped_labs().items()}
@@ -381,7 +381,7 @@ def list_labs() -> int:
 @lab.command(cls=Command, example="lab new friction2 --like friction")
 @click.argument("name")
 @click.option("--like", help="Lab to copy whole, a name or a folder [a small one].")
-@click.option("--out", type=PATH, help="New folder [NAME].")
+@click.option("--out", type=PATH_TYPE, help="New folder [NAME].")
 def new(name: str, like: str | None, out: Path | None) -> int:
     """Write a lab of your own that passes its selftest, to be changed piece by piece.
 
@@ -399,10 +399,10 @@ def new(name: str, like: str | None, out: Path | None) -> int:
 
 
 @lab.command(cls=Command, example="lab start signs --student ann")
-@LAB
+@LAB_ARGUMENT
 @click.option("--student", required=True, help="Your name or number.")
-@click.option("--out", type=PATH, help="New folder [LAB-STUDENT].")
-@KEY
+@click.option("--out", type=PATH_TYPE, help="New folder [LAB-STUDENT].")
+@KEY_OPTION
 def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
     """Begin a lab: the sheet, a starter that runs, the rig of your own.
 
@@ -419,14 +419,14 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 
 @lab.command(cls=Command, example="lab check signs answer.py")
 @click.argument("lab")
-@click.argument("answer", required=False, type=PATH)
+@click.argument("answer", required=False, type=PATH_TYPE)
 @click.option("--student", help="Owner of the rig, where no rig.toml next to the answer names one.")
-@KEY
+@KEY_OPTION
 @click.option("--hidden", is_flag=True, help="Judge hidden checks, too, where they are.")
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
-@click.option("--out", type=PATH, help="File to write the result to.")
-@click.option("--page", type=PATH, help="HTML page to write, with a picture of the run.")
-@JSON
+@click.option("--out", type=PATH_TYPE, help="File to write the result to.")
+@click.option("--page", type=PATH_TYPE, help="HTML page to write, with a picture of the run.")
+@JSON_OPTION
 def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> int:
     """Judge an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
 
@@ -445,10 +445,10 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
 
 
 @lab.command(cls=Command, example="lab variants signs class.csv --key key.txt")
-@LAB
-@click.argument("students", type=PATH)
-@KEY
-@click.option("--out", type=PATH, help="New folder with one a student [variants-LAB].")
+@LAB_ARGUMENT
+@click.argument("students", type=PATH_TYPE)
+@KEY_OPTION
+@click.option("--out", type=PATH_TYPE, help="New folder with one a student [variants-LAB].")
 def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> int:
     """Deal every student of a class a rig of their own, and write what each begins with.
 
@@ -464,13 +464,15 @@ def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> in
 
 
 @lab.command(cls=Command, example="lab grade signs submissions --key key.txt --out marks.csv")
-@LAB
-@click.argument("folder", metavar="SUBMISSIONS", type=PATH)
-@KEY
-@click.option("--class", "people", type=PATH, help="CSV file of the class: who may hand in.")
-@click.option("--out", type=PATH, default=Path("marks.csv"), help="File of the marks [marks.csv].")
-@PROCESSES
-@JSON
+@LAB_ARGUMENT
+@click.argument("folder", metavar="SUBMISSIONS", type=PATH_TYPE)
+@KEY_OPTION
+@click.option("--class", "people", type=PATH_TYPE, help="CSV file of the class: who may hand in.")
+@click.option(
+    "--out", type=PATH_TYPE, default=Path("marks.csv"), help="File of the marks [marks.csv]."
+)
+@PROCESSES_OPTION
+@JSON_OPTION
 def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) -> int:
     """Judge the answers of a class, a folder or a file a student, on the rigs the key deals.
 
@@ -513,10 +515,10 @@ def _show_findings(lab: Lab, found: Iterable[Finding]) -> int:
 
 
 @lab.command(cls=Command, example="lab selftest signs")
-@LAB
+@LAB_ARGUMENT
 @click.option("--starter", is_flag=True, help="Make the starter from the solution first.")
-@PROCESSES
-@JSON
+@PROCESSES_OPTION
+@JSON_OPTION
 def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
     """Try a lab before a class does: the solution has all points, every mutant fails its check."""
     from twin.base.writing import write_whole
@@ -529,10 +531,10 @@ def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
 
 
 @lab.command(cls=Command, example="lab calibrate signs --rigs 30")
-@LAB
+@LAB_ARGUMENT
 @click.option("--rigs", type=click.IntRange(min=3), default=30, help="Rigs a candidate [30].")
-@PROCESSES
-@JSON
+@PROCESSES_OPTION
+@JSON_OPTION
 def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
     """Propose the limits of every check from what solution, starter and mutants reach.
 
@@ -547,16 +549,18 @@ def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
 
 
 @lab.command(cls=Command, example="lab pack signs --for gradescope --key key.txt --out signs.zip")
-@LAB
+@LAB_ARGUMENT
 @click.option(
     "--for",
     "system",
     type=click.Choice(["folder", "gradescope", "classroom50"]),
     default="folder",
 )
-@KEY
-@click.option("--wheel", type=PATH, help="Wheel of ballplate that the image installs [the index].")
-@click.option("--out", type=PATH, required=True, help="New file (gradescope) or folder.")
+@KEY_OPTION
+@click.option(
+    "--wheel", type=PATH_TYPE, help="Wheel of ballplate that the image installs [the index]."
+)
+@click.option("--out", type=PATH_TYPE, required=True, help="New file (gradescope) or folder.")
 def pack(out: Path, key: Path | None, **given: Any) -> int:
     """Pack a lab for students (folder, with a notebook) or for the grader of a course system."""
     from twin.lab.grade import pack as packed

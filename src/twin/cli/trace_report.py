@@ -1,4 +1,4 @@
-"""What the command trace prints: the verdict with its findings, and tables of what was sent."""
+"""Output of the command trace: the verdict with its findings, and tables of the frames."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from twin.base.page import Table, digits
 if TYPE_CHECKING:
     from twin.devices.akd.findings import Verdict
 
-COLOURS = {"unresolved": "bold red", "recovered": "bold yellow", "warning": "yellow"}
-"""Colours of severities; a trace without findings is green."""
+SEVERITY_COLOURS = {"unresolved": "bold red", "recovered": "bold yellow", "warning": "yellow"}
+"""Colours of severities; a trace without findings is green, without any node yellow."""
 
 
 def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Text | str]:
-    """What happened, in one line; then each problem.
+    """Summary in one line, then each problem.
 
     Args:
         verdict: The verdict.
@@ -26,7 +26,9 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
         timed: Whether the trace has times; else frames stand in their place.
     """
     worst = verdict.worst
-    yield Text(printable(verdict.headline), style=COLOURS[worst] if worst else "bold green")
+    otherwise = "bold green" if verdict.heard else "bold yellow"
+    style = SEVERITY_COLOURS[worst] if worst else otherwise
+    yield Text(printable(verdict.headline), style=style)
     yield f"{heading}; {verdict.count}" if verdict.count else heading
     located = zip(verdict.findings, verdict.places, strict=True)
     for number, (finding, place) in enumerate(located, 1):
@@ -35,7 +37,7 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
         yield ""
         yield Text.assemble(
             f"{number:2}. ",
-            (str(finding.severity), COLOURS[finding.severity]),
+            (str(finding.severity), SEVERITY_COLOURS[finding.severity]),
             printable(line),
         )
         rows = {

@@ -46,11 +46,11 @@ if TYPE_CHECKING:
 
 @options.command(example="explain circle")
 @options.SCENARIO()
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@click.option("--out", type=options.PATH, help="Folder [runs/explain-SCENARIO].")
-@options.PROCESSES
-@options.JSON
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/explain-SCENARIO].")
+@options.PROCESSES_OPTION
+@options.JSON_OPTION
 def explain(
     scenario: str, overrides: tuple[str, ...], out: Path | None, processes: int | None
 ) -> int:
@@ -88,7 +88,7 @@ def _effects(found: Explanation) -> Iterator[Shown]:
         (part.effect.label, size_text(part.without), size_text(part.alone), percentage(part.share))
         for part in found.contributions
     ]
-    for label, share in (("effects on one another", found.rest), ("left with none", found.base)):
+    for label, share in (("effects on each other", found.rest), ("left with none", found.base)):
         if share is not None:
             rows.append((label, "", "", percentage(share)))
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
@@ -107,7 +107,9 @@ PARAMETERS_HELP = (
 
 
 @options.command(example="identify runs/excite")
-@click.argument("logs", type=options.PATH, nargs=-1, required=True, shell_complete=options.runs)
+@click.argument(
+    "logs", type=options.PATH_TYPE, nargs=-1, required=True, shell_complete=options.runs
+)
 @click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS_HELP)
 @click.option(
     "--hold-out",
@@ -126,8 +128,8 @@ PARAMETERS_HELP = (
     shell_complete=options.rigs,
 )
 @click.option("--ball-height", metavar="M", help="Metres from the plate's axis up to its centre.")
-@click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
-@options.JSON
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/identify-LOG].")
+@options.JSON_OPTION
 def identify(
     logs: tuple[Path, ...], names: str | None, held: tuple[str, ...], out: Path | None, **how: Any
 ) -> int:
@@ -149,7 +151,7 @@ def identify(
         content = open_content(files[0])
         if not has_known_columns(files[0].name, content):
             surveyed = survey(files[0], how["separator"], content)
-            show(surveyed.as_dict(), _surveyed(surveyed))
+            show(surveyed.as_dict(), _describe_survey(surveyed))
             return 1
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
@@ -169,8 +171,8 @@ def identify(
     return int(none)
 
 
-def _surveyed(found: Survey) -> Iterator[Shown]:
-    """What a log holds, and the command line that would use it."""
+def _describe_survey(found: Survey) -> Iterator[Shown]:
+    """The content of a log, and the command line that would use it."""
     rows = [
         (each.name, each.unit, str(len(each.values)), str(each.missing), each.range)
         for each in found.columns
@@ -195,10 +197,10 @@ def _held_out(held: tuple[str, ...]) -> float | list[Path]:
 @options.command(example="fit friction_of_two_series")
 @click.argument("table", required=False)
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
-@options.PROCESSES
-@options.SCHEDULER
-@click.option("--out", type=options.PATH, help="Folder [runs/fit-NAME].")
-@options.JSON
+@options.PROCESSES_OPTION
+@options.SCHEDULER_OPTION
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/fit-NAME].")
+@options.JSON_OPTION
 def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) -> int:
     """Fit parameters to measured indicators of many experiments, where no logs were kept.
 
@@ -233,12 +235,12 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
 
 
 @options.command(example="shadow runs/circle")
-@click.argument("log", type=options.PATH)
+@click.argument("log", type=options.PATH_TYPE)
 @options.SETTING
-@options.LEARN
+@options.LEARN_OPTION
 @options.COLUMNS
-@click.option("--out", type=options.PATH, help="Folder [RUN, or runs/shadow-LOG].")
-@options.JSON
+@click.option("--out", type=options.PATH_TYPE, help="Folder [RUN, or runs/shadow-LOG].")
+@options.JSON_OPTION
 def shadow(
     log: Path, overrides: tuple[str, ...], out: Path | None, *, learn: bool, **how: Any
 ) -> int:
@@ -266,7 +268,7 @@ FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes
 
 
 @options.command(example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
-@click.argument("run", type=options.PATH)
+@click.argument("run", type=options.PATH_TYPE)
 @click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
 @click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER_HELP)
@@ -281,8 +283,8 @@ FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes
 @click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
 @click.option("--on", metavar="RIG", help="On which rig, or a file of identified parameters.")
 @options.COLUMNS
-@click.option("--out", type=options.PATH, help="Folder [runs/whatif-RUN].")
-@options.JSON
+@click.option("--out", type=options.PATH_TYPE, help="Folder [runs/whatif-RUN].")
+@options.JSON_OPTION
 def whatif(
     run: Path,
     at: float,
@@ -332,9 +334,9 @@ Numbers = dict[str, Any]
 
 @options.command(example="analyse circle --set controller.kind=lqr")
 @options.SCENARIO(default="sine")
-@options.LAW
+@options.LAW_OPTION
 @options.SETTING
-@options.JSON
+@options.JSON_OPTION
 def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     """Analyse the loop of a scenario: poles and margins of law, observer and predictor.
 
@@ -414,8 +416,8 @@ def _format_margin(value: float | None, scale: float = 1.0) -> str:
 
 @options.command(example="reproduce 8.1 8.4")
 @click.argument("tables", nargs=-1, metavar="[TABLE]...")
-@options.PROCESSES
-@options.JSON
+@options.PROCESSES_OPTION
+@options.JSON_OPTION
 def reproduce(tables: tuple[str, ...], processes: int | None) -> int:
     """Recompute the thesis's tables and compare.
 

@@ -1,1 +1,1 @@
-"""What is real: drives on CAN, touch screen on a serial line, time."""
+"""Real devices: drives on CAN, touch screen on a serial line, real-time clock."""

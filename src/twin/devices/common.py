@@ -42,7 +42,7 @@ def range_field(default: Any, low: float, high: float, **metadata: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranged:
-    """Settings whose ranges are checked when they are made.
+    """Settings that check their ranges when they are made.
 
     Raises:
         ScenarioError: Naming the key of a value that is no number of its range.

@@ -1,6 +1,6 @@
 """Kinds of drives and touch screens that a rig file may name: shipped ones, and those of packages.
 
-A rig file says ``[drives] kind = "akd"`` or ``[touch] kind = "own"``. An installed package adds a
+A rig file has ``[drives] kind = "akd"`` or ``[touch] kind = "own"``. An installed package adds a
 kind by an entry point of the group ``ballplate.devices`` that is called ``drives.NAME`` or
 ``touch.NAME`` and leads to a `ServosKind` or a `ScreenKind`. Only the package of a kind that a rig
 file names is imported.
@@ -29,19 +29,19 @@ from twin.devices.own import (
 )
 from twin.hal.interface import Limits, PoweredScreen, PoweredServos
 
-ENTRY_POINT_GROUP = "ballplate.devices"
+DEVICE_ENTRY_POINTS = "ballplate.devices"
 Role = Literal["drives", "touch"]
 """The two devices of a rig, as the tables of a rig file call them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """What a device is to know of the rig that it is built for.
+    """The rig that a device is built for, as far as the device needs to know it.
 
     Attributes:
         period: Control period in s.
         limits: What may be commanded.
-        now: Monotonic time of the rig in s; that of its servos, for a screen.
+        now: Monotonic time of the rig in s; for a screen, the time of its servos.
         hear: Is given every frame on a CAN bus of the drives, as python-can has it; must not wait.
     """
 
@@ -57,7 +57,7 @@ class ServosKind:
 
     Attributes:
         settings: Dataclass of the keys that the table ``[drives]`` may have besides ``kind``. A
-            key without a default must be given. What it has as ``relaxed``, a tuple of texts, is
+            key without a default must be given. Its attribute ``relaxed``, a tuple of texts, is
             a warning in every run.
         build: Makes the servos of such settings; nothing is opened. Those of AKD drives are an
             `AkdConfig`, which has the bus and both axes as well.
@@ -123,7 +123,7 @@ def _build_own_screen(settings: OwnScreenConfig, _: Surroundings) -> PoweredScre
     return SeparateScreen(load_screen(settings), settings)
 
 
-SHIPPED: Mapping[Role, Mapping[str, ServosKind | ScreenKind]] = {
+SHIPPED_KINDS: Mapping[Role, Mapping[str, ServosKind | ScreenKind]] = {
     "drives": {
         "akd": ServosKind(settings=DriveSettings, build=_build_akd, cams=True),
         "own": ServosKind(settings=OwnServosConfig, build=_build_own_servos),
@@ -134,9 +134,11 @@ SHIPPED: Mapping[Role, Mapping[str, ServosKind | ScreenKind]] = {
     },
 }
 """The kinds that need no other package; the first of each device is the default."""
-DEFAULT_KINDS: Mapping[Role, str] = {role: next(iter(kinds)) for role, kinds in SHIPPED.items()}
-_CLASSES: Mapping[Role, type] = {"drives": ServosKind, "touch": ScreenKind}
-_PROTOCOLS: Mapping[Role, type] = {"drives": PoweredServos, "touch": PoweredScreen}
+DEFAULT_KINDS: Mapping[Role, str] = {
+    role: next(iter(kinds)) for role, kinds in SHIPPED_KINDS.items()
+}
+_KIND_CLASSES: Mapping[Role, type] = {"drives": ServosKind, "touch": ScreenKind}
+_DEVICE_PROTOCOLS: Mapping[Role, type] = {"drives": PoweredServos, "touch": PoweredScreen}
 
 
 def find_kind(role: Role, name: object) -> Found:
@@ -144,20 +146,20 @@ def find_kind(role: Role, name: object) -> Found:
 
     Args:
         role: Which device.
-        name: What the rig file says as its ``kind``.
+        name: Value of ``kind`` in the rig file.
 
     Raises:
         ScenarioError: If there is none of this name, several packages have one or take the name of
             a shipped one, or the package cannot be loaded: one line.
     """
-    key, shipped = f"{role}.kind = {name!r}", SHIPPED[role]
+    key, shipped = f"{role}.kind = {name!r}", SHIPPED_KINDS[role]
     added = _find_entry_points(role)
     claims = added.get(name, []) if isinstance(name, str) else []
     if isinstance(name, str) and name in shipped:
         if claims:
             raise ScenarioError(
                 f"{key}: {_cite(claims[0])} takes the name of a kind that is shipped; uninstall "
-                "it, or let its author choose another name"
+                "it, or ask its author for a new name"
             )
         return Found(name, shipped[name])
     if not claims or not isinstance(name, str):
@@ -172,7 +174,7 @@ def find_kind(role: Role, name: object) -> Found:
 def _find_entry_points(role: Role) -> dict[str, list[EntryPoint]]:
     """The entry points of other packages for a device, by the name of the kind."""
     found: dict[str, list[EntryPoint]] = {}
-    for each in entry_points(group=ENTRY_POINT_GROUP):
+    for each in entry_points(group=DEVICE_ENTRY_POINTS):
         device, _, name = each.name.partition(".")
         if device == role and name:
             found.setdefault(name, []).append(each)
@@ -200,7 +202,7 @@ def _load(role: Role, key: str, point: EntryPoint) -> ServosKind | ScreenKind:
         raise ScenarioError(
             f"{key}: {_cite(point)} cannot be loaded ({point.value}): {error_words(error)}"
         ) from error
-    wanted = _CLASSES[role]
+    wanted = _KIND_CLASSES[role]
     if not isinstance(found, ServosKind | ScreenKind) or not isinstance(found, wanted):
         raise ScenarioError(
             f"{key}: {_cite(point)}: {point.value} must be a ballplate.hardware."
@@ -224,7 +226,7 @@ def build_device(role: Role, found: Found, settings: Any, around: Surroundings) 
         made = found.kind.build(settings, around)
     except (Exception, SystemExit) as error:
         raise ScenarioError(f"{what} cannot make the device: {error_words(error)}") from error
-    needed = _PROTOCOLS[role]
+    needed = _DEVICE_PROTOCOLS[role]
     lacking = [name for name in sorted(members(needed)) if not hasattr(made, name)]
     if lacking:
         raise ScenarioError(f"{what}: its device lacks {', '.join(lacking)} of {needed.__name__}")

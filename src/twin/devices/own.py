@@ -2,8 +2,8 @@
 
 One class may be both, ``backend = "my_rig.py:Arduino"`` in a rig file, or one half only: servos,
 ``[drives] kind = "own"``, or a screen, ``[touch] kind = "own"``, each with its ``backend``.
-``ballplate.hardware`` is its door. What it does not do for itself, as a watchdog on the board, is
-reported in every run.
+``ballplate.hardware`` is its public interface. A protection that it lacks, such as a watchdog on
+the board, is reported in every run.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.catalog import EXECUTES, error_words, failed_line
+from controllers.catalog import EXECUTION_LOG, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.common import FaultReports, Ranged, net, range_field
-from twin.hal.agreement import AXES, OPPOSITE, WRONG_RATIO
-from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
+from twin.hal.agreement import OPPOSITE, WRONG_RATIO
+from twin.hal.interface import AXIS_NAMES, Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")
 Own = TypeVar("Own", bound="OwnDevice")
 
 
 class Reading(NamedTuple):
-    """What the hardware has measured last.
+    """The newest measurement of own hardware.
 
     Attributes:
         x: Ball along the longer side in m, from the middle of the plate; NaN where it is not seen.
@@ -53,12 +53,12 @@ class Reading(NamedTuple):
 
     @classmethod
     def of_plate(cls, phi: float, theta: float, at: float) -> Self:
-        """What servos measure that see no ball: plate angles in rad, and when they arrived, s."""
+        """Measurement of servos without a screen: plate angles in rad, and when they arrived, s."""
         return cls(math.nan, math.nan, at, phi, theta)
 
 
 class OwnDevice(ABC):
-    """What servos and screens of one's own have in common."""
+    """Common base of own servos and screens."""
 
     @abstractmethod
     def start(self) -> None:
@@ -133,7 +133,7 @@ class Hardware(ServoHardware, ScreenHardware):
 
 @dataclass(frozen=True, kw_only=True)
 class _OwnSettings(Ranged):
-    """What is to be known of own hardware of any kind.
+    """Settings of own hardware of any kind.
 
     Attributes:
         options: What the class is made with.
@@ -146,7 +146,7 @@ class _OwnSettings(Ranged):
 
 @dataclass(frozen=True, kw_only=True)
 class _PlateThresholds(_OwnSettings):
-    """What is to be known of own servos.
+    """Settings of own servos.
 
     Attributes:
         plate_lag: Time constant in s with which the plate follows its command; the plate angle of a
@@ -170,7 +170,7 @@ class _PlateThresholds(_OwnSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class _BallThresholds(_OwnSettings):
-    """What is to be known of an own screen.
+    """Settings of an own screen.
 
     Attributes:
         unseen: Seconds without a ball in the measurements after which it counts as not seen.
@@ -210,7 +210,7 @@ class OwnScreenConfig(_BallThresholds):
 
 @dataclass(frozen=True, kw_only=True)
 class OwnConfig(_BallThresholds, _PlateThresholds):
-    """What the twin is to know of own hardware that is servos and screen, the table ``[own]``."""
+    """Settings of own hardware that is servos and screen, the table ``[own]``."""
 
     keys = "own."
 
@@ -248,7 +248,7 @@ class _DirectionTest:
 
 @dataclass(frozen=True, kw_only=True)
 class _ScaleTest:
-    """When a plate that is not where it was commanded counts on another scale.
+    """When a plate that misses its command counts as moving on a wrong scale.
 
     The measured angle is explained by the commanded one, delayed and behind a first-order lag:
     measured = gain * lagged(commanded, delay) + constant, by least squares, with an unknown start
@@ -304,9 +304,9 @@ def _follow(angle: Array, share: float) -> Array:
     return followed
 
 
-SCALE = _ScaleTest()
-DIRECTION = _DirectionTest()
-AT_ONCE = _DirectionTest(delays=(0.0,))
+SCALE_TEST = _ScaleTest()
+DIRECTION_TEST = _DirectionTest()
+UNDELAYED_DIRECTION_TEST = _DirectionTest(delays=(0.0,))
 """The same for a plate that is known not to be where it should be, to tell in which way."""
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
@@ -314,7 +314,7 @@ OWN_CONDITIONS = tuple(conditions("twin.devices").values())
 """Every condition that own hardware is watched for, from ``conditions.toml``."""
 FAILED, REPORTED, SILENT, ASTRAY, FROZEN, LACKING, *_OF_SCREEN = OWN_CONDITIONS
 SCREEN_FAILED, SCREEN_REPORTED = _OF_SCREEN
-"""What a screen reports that is a device of its own, in place of ``FAILED`` and ``REPORTED``."""
+"""Conditions of an own screen, in place of ``FAILED`` and ``REPORTED``."""
 
 
 def load_backend(named: str, config: OwnConfig) -> Hardware:
@@ -362,7 +362,7 @@ def _load(named: str, options: Mapping[str, Any], base: type[Own], key: str) -> 
     file, _, name = named.rpartition(":")
     if not file.endswith(".py") or not Path(file).is_file():
         raise ScenarioError(f"{key}: {named!r} must be FILE.py:CLASS; no file {file!r}")
-    EXECUTES.info("runs %s, the hardware of the rig file", file)
+    EXECUTION_LOG.info("runs %s, the hardware of the rig file", file)
     sys.path.append(str(Path(file).resolve().parent))  # modules that it imports may lie there
     try:
         kind = runpy.run_path(file).get(name)
@@ -464,17 +464,22 @@ class _OwnDriver:
         return reading
 
     def _said(self) -> tuple[str, ...]:
-        """What the hardware reports, a text by itself or several."""
+        """Reports of the hardware, a text by itself or several."""
         texts = self._device.faults()
         return (texts,) if isinstance(texts, str) else tuple(texts or ())
 
     def _asked(self, method: Callable[[], Answer]) -> Answer | None:
-        """What a method of the hardware gives; None, and a fault, where it fails."""
+        """Result of a method of the hardware; None, and a fault, where it fails."""
         try:
             return method()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
-            self._report(self._failed, _describe_error(error, self._file))
+            if not self._is_reported(self._failed):
+                self._report(self._failed, _describe_error(error, self._file))
             return None
+
+    def _is_reported(self, condition: Condition) -> bool:
+        """Whether a fault was reported; to find its words again would take time in every period."""
+        return self._reports.latched(condition, self.where)
 
     def _report(self, condition: Condition, detail: str) -> None:
         self._reports.report(condition, self.where, detail, self.now())
@@ -493,7 +498,7 @@ class _BallWatch:
         """Where the ball was seen last, and since when it is seen there on a steep plate."""
 
     def look(self, reading: Reading, now: float, plate: Array) -> str:
-        """What is wrong with a reading at a time in s, in words; empty for nothing.
+        """Error of a reading at a time in s, in words; empty for none.
 
         Args:
             reading: The newest.
@@ -543,7 +548,7 @@ class OwnServos(_OwnDriver):
         """Time in s of the newest measurement, and the modelled plate angles then, rad."""
         self._astray: float | None = None
         self._looks = 0
-        self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION.memory / period))
+        self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION_TEST.memory / period))
         """Commanded, then measured plate angles of the last periods, rad."""
         self._ball = _BallWatch(config) if isinstance(config, OwnConfig) else None
 
@@ -650,25 +655,27 @@ class OwnServos(_OwnDriver):
             return
         self._motion.append((*self._model.tolist(), *plate.tolist()))
         self._looks += 1
-        if self._looks % DIRECTION.every == 0:
-            self._watch_direction(DIRECTION)
+        if self._looks % DIRECTION_TEST.every == 0:
+            self._watch_direction(DIRECTION_TEST)
         off = np.degrees(np.abs(plate - self._model))
         astray = off.max() > self.config.astray_deg
-        if astray and self._looks % DIRECTION.every == 0:
+        if astray and self._looks % DIRECTION_TEST.every == 0:
             self._watch_scale(int(off.argmax()))
         if not astray:
             self._astray = None
         elif self._astray is None:
             self._astray = now
-        elif now - self._astray > ASTRAY_FOR:
-            self._watch_direction(AT_ONCE)
+        elif now - self._astray > ASTRAY_FOR and not self._is_reported(ASTRAY):
+            self._watch_direction(UNDELAYED_DIRECTION_TEST)
             text = f"{off.max():.1f} deg off for {now - self._astray:.1f} s"
             self._report(ASTRAY, f"{text}{self._describe_scale(int(off.argmax()))}")
 
     def _watch_direction(self, test: _DirectionTest) -> None:
         """Report an axis that is measured to turn against its commands."""
+        if self._is_reported(OPPOSITE):
+            return
         commanded, measured = np.split(np.array(self._motion), 2, axis=1)
-        for axis, name in enumerate(AXES):
+        for axis, name in enumerate(AXIS_NAMES):
             asked, seen = commanded[:, axis], measured[:, axis]
             if test.opposite(asked, seen, self._period):
                 turned = np.degrees((asked[-1] - asked[0], seen[-1] - seen[0]))
@@ -678,21 +685,23 @@ class OwnServos(_OwnDriver):
     def _scale(self, axis: int) -> float | None:
         """Measured per commanded angle of an axis; None where it does not explain the motion."""
         commanded, measured = np.split(np.array(self._motion), 2, axis=1)
-        return SCALE.gain(commanded[:, axis], measured[:, axis], self._period)
+        return SCALE_TEST.gain(commanded[:, axis], measured[:, axis], self._period)
 
     def _watch_scale(self, axis: int) -> None:
         """Report an axis that is measured to turn farther than commanded."""
+        if self._is_reported(WRONG_RATIO):
+            return
         gain = self._scale(axis)
-        if gain is not None and gain >= SCALE.too_far:
-            text = f"{AXES[axis]}: measured {gain:.1f} times what is commanded"
+        if gain is not None and gain >= SCALE_TEST.too_far:
+            text = f"{AXIS_NAMES[axis]}: measured {gain:.1f} times what is commanded"
             self._report(WRONG_RATIO, text)
 
     def _describe_scale(self, axis: int) -> str:
-        """What is to be checked of an axis that turns less than commanded; empty if unknown."""
+        """Advice on an axis that turns less than commanded; empty if unknown."""
         gain = self._scale(axis)
-        if gain is None or gain > SCALE.too_near:
+        if gain is None or gain > SCALE_TEST.too_near:
             return ""
-        seen = f"{AXES[axis]} is measured to turn {gain:.1f} times what is commanded"
+        seen = f"{AXIS_NAMES[axis]} is measured to turn {gain:.1f} times what is commanded"
         return f"; {seen}: check its scale, and whether the servos are fast enough"
 
 

@@ -23,7 +23,7 @@ from twin.hal.interface import Condition, Fault, Severity
 LATE_SHARE = 0.25
 """Share of a period from which a tick counts as late."""
 BLAMED_SHARE = 0.05
-"""Share of late or missed periods from which on a fault is put down to the computer."""
+"""Share of late or missed periods above which a fault is attributed to the computer."""
 MAX_LATE_PERIODS = 5.0
 """Periods that a single one must be late for the same."""
 MISSED_PER_PROMPT = 2
@@ -148,7 +148,7 @@ class TimingLog:
 
 
 def describe_lateness(ledger: Mapping[str, Any]) -> str:
-    """That the computer was too late, in a line, by a run's ``TimingLog.as_dict``; else empty."""
+    """One line if the computer was too late, by a run's ``TimingLog.as_dict``; else empty."""
     slow = ledger["missed"] + ledger["late"]
     due = max(1, ledger["ticks"] + ledger["missed"])
     longest = ledger["lateness"]["max_us"]
@@ -191,7 +191,7 @@ def never(begin: float, end: float) -> float:
 
 
 class RealTimeClock:
-    """A clock whose periods begin at fixed points of time, whatever happens in between.
+    """A clock with periods that begin at fixed times, whatever happens in between.
 
     It sleeps until shortly before a deadline and spins the rest: a sleep alone wakes up some
     50 to 100 us late. A loop that took longer than its period goes on at the next deadline to
@@ -203,8 +203,8 @@ class RealTimeClock:
         allowed: Missed periods that are a fault, if not made up for: each period that is begun
             makes up for ``PAID`` of them. The default is a gap of 50 ms at 2 ms, just before the
             drives miss the heartbeat, or every fourth period alone for 0.2 s.
-        paused: Is told beginning and end, both in s of ``now``, of a time in which the loop did not
-            come round; returns for how much of it, s, a virtual rig is to wait for its computer.
+        paused: Called with the beginning and the end, both in s of ``now``, of a time in which the
+            loop made no turn; returns how long, s, a virtual rig waits for its computer.
         now: Clock in s.
         sleep: Sleeps for a number of s.
     """
@@ -298,13 +298,13 @@ class RealTimeClock:
 
 LOOP_PRIORITY = 80
 MAX_THREAD_SWITCH_S = 2e-4
-"""Longest time in s that another Python thread keeps the loop's from running."""
+"""Longest time in s for which a different Python thread keeps the loop from running."""
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _LATENCY_DEVICE = "/dev/cpu_dma_latency"
 
 
 class Scheduling(NamedTuple):
-    """What was obtained.
+    """The real-time rights that were obtained.
 
     Attributes:
         fifo: Whether the loop's thread runs before all ordinary ones (SCHED_FIFO).

@@ -1,7 +1,7 @@
 """A rig of real devices: powered servos on a bus, a touch screen on a port, a real-time clock.
 
-Servos and screen are of any kind (`devices/kinds.py`); the rig knows them as `PoweredServos` and
-`PoweredScreen` only, whose descriptions say what is called when.
+Servos and screen are of any kind (`devices/kinds.py`). The rig knows them only as `PoweredServos`
+and `PoweredScreen`, which describe when each method is called.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from controllers.interfaces import Measurement
 from twin.base.errors import RigError
 from twin.devices.common import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
-from twin.hal.agreement import AXES, Agreement, BallAgreement
+from twin.hal.agreement import Agreement, BallAgreement
 from twin.hal.interface import (
+    AXIS_NAMES,
     NOMINAL_PERIOD,
     Condition,
     Fault,
@@ -47,9 +48,9 @@ class StartRefusedError(RigError):
         super().__init__(line)
 
 
-SLOW = math.radians(10.0)
+FIRST_MOTION_RATE_RAD_S = math.radians(10.0)
 """Plate rate in rad/s of the first motion of a rig that nobody has checked."""
-SLOW_FOR = 3.0
+FIRST_MOTION_LIMIT_S = 3.0
 """Seconds after which it ends even where no encoders can show that motors and plate agree."""
 UNCHECKED = Condition(
     "first motion slow",
@@ -93,7 +94,11 @@ class MotorPlateWatch:
         if found is None:
             return ()
         self._agreement = None
-        return (Fault(found.condition, f"axis {AXES[found.axis]}", found.text, self._servos.now()),)
+        return (
+            Fault(
+                found.condition, f"axis {AXIS_NAMES[found.axis]}", found.text, self._servos.now()
+            ),
+        )
 
 
 class HardwareRig(Rig):
@@ -207,8 +212,8 @@ class HardwareRig(Rig):
             self.supervisor.report(Fault(RELAXED, "rig file", words))
         if self.unchecked:
             self.supervisor.report(Fault(UNCHECKED, "rig file", self.unchecked))
-            self.supervisor.limit_rate(SLOW)
-            self._slow_periods = round(SLOW_FOR / self.period)
+            self.supervisor.limit_rate(FIRST_MOTION_RATE_RAD_S)
+            self._slow_periods = round(FIRST_MOTION_LIMIT_S / self.period)
         self._motors.begin(self._transmission)
         self._ball = BallAgreement(self.period)
         for fault in self.servos.warnings():
@@ -217,7 +222,7 @@ class HardwareRig(Rig):
         self._start_clock()
 
     def meanwhile(self, work: Callable[[], None]) -> None:
-        """Do what may take long in another thread, while the devices hear and are heard.
+        """Run a slow function in a thread of its own, while the devices stay in contact.
 
         Raises:
             StartRefusedError: If a device reports what a rig cannot be started with.
@@ -274,7 +279,7 @@ class HardwareRig(Rig):
         return applied
 
     def replace_transmission(self, transmission: Transmission) -> None:
-        """Look the cams up in another transmission from now on; the plate stays where it is."""
+        """Use a new transmission from now on; the plate stays where it is."""
         super().replace_transmission(transmission)
         self._motors.begin(transmission)
 
@@ -298,7 +303,7 @@ class HardwareRig(Rig):
 
     @property
     def scheduling(self) -> tuple[str, ...]:
-        """What the operating system allowed, in words."""
+        """Real-time rights that the operating system allowed, in words."""
         return self._obtained.words if self._obtained else ()
 
     def account(self) -> dict[str, Any]:

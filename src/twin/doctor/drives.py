@@ -39,9 +39,8 @@ from twin.doctor.check import (
     pass_check,
     warn_check,
 )
-from twin.hal.agreement import AXES
 from twin.hal.cams import CamTable
-from twin.hal.interface import SCREEN_SIZE_M, Severity, Transmission
+from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M, Severity, Transmission
 from twin.identify.plate_motion import LostMotion, as_plate, lost_motion, triangle
 
 FOLLOWING_GAIN_PER_S = 20.0
@@ -424,7 +423,7 @@ def measure_cams(
     weights = np.linalg.lstsq(basis, off, rcond=None)[0]
     left = (off - basis @ weights) / known.ratio
     nodes = np.stack(np.meshgrid(known.grid, known.grid, indexing="ij"), axis=-1)
-    # beyond what was reached the difference stays what it was at the edge
+    # beyond the reached angles the difference keeps its value at their edge
     angles = known.angles + _powers(np.clip(nodes, -reach, reach), sweep.degree) @ weights
     provenance: dict[str, Any] = {
         "made": "measured on a rig",
@@ -511,8 +510,8 @@ def measure_lost_motion(
         DriveError: They cannot be brought up.
     """
     path = triangle(amplitude, rate, cycles, servos.config.period)
-    paths = np.zeros((len(AXES), len(path), 1, 2))
-    for axis in range(len(AXES)):
+    paths = np.zeros((len(AXIS_NAMES), len(path), 1, 2))
+    for axis in range(len(AXIS_NAMES)):
         paths[axis, :, 0, axis] = path
     goals, level = known.motor(paths), known.motor(np.zeros((1, 2)))
     read = []
@@ -528,7 +527,7 @@ def measure_lost_motion(
     # not before: what computes does not keep the drives' heartbeat
     return [
         lost_motion(name, as_plate(known, motor, axis), plate, cycles)
-        for axis, (name, (motor, plate)) in enumerate(zip(AXES, read, strict=True))
+        for axis, (name, (motor, plate)) in enumerate(zip(AXIS_NAMES, read, strict=True))
     ]
 
 
@@ -546,7 +545,7 @@ def _record_motion(
         exchange(servos, period)
         motor[k], plate[k] = servos.motor()[0, axis], servos.plate()[0, axis]
         if k % max(1, count // PROGRESS_STEPS) == 0:
-            progress((axis + k / count) / len(AXES))
+            progress((axis + k / count) / len(AXIS_NAMES))
     servos.command(np.zeros((1, 2)))
     return motor, plate
 
@@ -561,7 +560,7 @@ class TouchMeasurement:
 
     Attributes:
         point_span: Share of the screen's sides that the usual points span.
-        reports: Consecutive reports whose mean is a point, a third of a second of them.
+        reports: Number of consecutive reports that are averaged for a point, a third of a second.
         max_spread: Spread of these, in sides of the screen, above which the touch is still settling
             or moving.
         max_mark_error_m: Largest distance in m by which a finger or a ball misses a mark (assumed).

@@ -21,7 +21,6 @@ from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import (
-    AKD,
     HOST,
     PLACE,
     SPEED,
@@ -65,9 +64,9 @@ REPLAY_TOLERANCES = ReplayTolerances()
 _HEX_SUFFIX = re.compile(r" \([0-9A-F]+h\)$")
 """The bits of a status word at the end of its text."""
 _MISSING_OBJECT = re.compile("code 060(20000|90011)h")
-"""That a drive has no such object."""
+"""Text of an abort because the drive has no such object."""
 _MOVING_OBJECT = re.compile("reads (606[2-4C]|60[EF]4|2050)h")
-"""That a quantity is read that changes while a motor turns."""
+"""Text of a read of a quantity that changes while a motor turns."""
 _SERVICES_BY_KIND = {
     "SDO": protocol.SDO_RESPONSE,
     "EMCY": protocol.EMERGENCY,
@@ -114,8 +113,8 @@ def replay(
     recorded = Conversation(frames, names, rig)
     remarks, drives = list[str](), dict[int, EmulatedDrive]()
     for number, node in recorded.nodes.items():
-        vendor = recorded.values[number].get((0x1018, 1), AKD)
-        if vendor != AKD:
+        vendor = recorded.values[number].get((0x1018, 1), protocol.AKD_VENDOR_ID)
+        if vendor != protocol.AKD_VENDOR_ID:
             remarks.append(f"{node.name}: no AKD, its vendor is {vendor:X}h: not replayed")
         elif node.frames.keys() - {"heartbeat"}:
             drives[number] = EmulatedDrive(number)

@@ -17,7 +17,7 @@ from twin.emulator.drive_objects import Frame
 PSEUDO_TERMINAL = "slcan"
 """Name of the bus that is an adapter of the emulator's own, on a pseudo-terminal."""
 
-_SYNC = 0x080
+_SYNC_ID = 0x080
 _OWN_FRAMES = 256
 """Frames of its own that a bus may still bring back."""
 _MAX_FRAMES = 1024
@@ -130,13 +130,13 @@ class BusPort:
         """
         while len(self._arrived) < _MAX_FRAMES and self._take(0.0):
             pass
-        waited = sum(frame.cob_id == _SYNC for frame in self._arrived)
+        waited = sum(frame.cob_id == _SYNC_ID for frame in self._arrived)
         syncs = 0
         while self._arrived:
             frame = self._arrived.popleft()
             self._bus.from_host(frame)
             self._send()
-            if frame.cob_id == _SYNC:
+            if frame.cob_id == _SYNC_ID:
                 syncs += 1
                 passing(syncs / waited)
         self._send()

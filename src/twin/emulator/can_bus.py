@@ -136,7 +136,7 @@ class BusFaults:
         self.drop([service + node for service in services], **when)
 
     def deliver(self, frame: Frame, towards: Towards) -> list[tuple[float, Frame]]:
-        """What becomes of a frame: delays in s, and the frames that come then."""
+        """Fate of a frame: delays in s, and the frames that are delivered then."""
         if self.bus_off:
             return []
         copies = [(0.0, frame)]
@@ -184,7 +184,7 @@ class EmulatedBus:
         ``drive.motor.sense``."""
         self.heard: Callable[[], None] = lambda: None
         """Called after each frame that the drives have taken in."""
-        self.beside: list[tuple[Frame, float]] = []
+        self.foreign_frames: list[tuple[Frame, float]] = []
         """Frames that a second master sends, and how often, in s."""
         self._order = count()
         self._later: list[tuple[float, int, Towards, Frame]] = []
@@ -217,7 +217,7 @@ class EmulatedBus:
         while self._later and self._later[0][0] <= self.time:
             _, _, towards, frame = heapq.heappop(self._later)
             self._arrive(frame, towards)
-        for frame, every in self.beside:
+        for frame, every in self.foreign_frames:
             if int(self.time / every + 1e-9) > int((self.time - dt) / every + 1e-9):
                 self.from_other(frame)
         self.moved(dt)
@@ -241,7 +241,7 @@ class EmulatedBus:
 
 
 class DirectBus(can.BusABC):
-    """What a host opens to be on an emulated bus without real time; for tests and fault tables.
+    """Bus that a host opens to be on an emulated bus without real time; for tests and fault tables.
 
     Waiting for a frame lets the bus's time pass in steps. Give the host ``now`` and ``sleep`` of
     this object as its clock.
@@ -315,7 +315,7 @@ class DirectBus(can.BusABC):
 
     def _check(self) -> None:
         if not self.plugged:
-            raise CanOperationError("the adapter is gone")
+            raise CanOperationError("the adapter is unplugged")
 
 
 def message(
@@ -422,7 +422,7 @@ def nothing(_: float) -> None:
 
 
 _OK, _ERROR = b"\r", b"\a"
-_SYNC = b"t0800\r"
+_SYNC_LINE = b"t0800\r"
 _MAX_READ_BYTES = 1 << 16
 """Bytes that are taken at once."""
 _WARNING, _PASSIVE, _BUS_ERROR = 0x04, 0x20, 0x80
@@ -464,7 +464,7 @@ class SlcanAdapter:
         frames = self._bus.to_host()
         if not self.open or self.bitrate != self._bus.bitrate:
             return b""
-        return b"".join(map(_written, frames))
+        return b"".join(map(_line_of, frames))
 
     def _command(self, line: bytes) -> bytes:
         commands: dict[bytes, Callable[[bytes], bytes]] = {
@@ -554,16 +554,16 @@ class SlcanPort(PseudoTerminal):
             data = b""
             while len(data) < _MAX_READ_BYTES and select.select([self.handle], [], [], 0)[0]:
                 data += os.read(self.handle, 4096)
-            *waited, newest = data.split(_SYNC)
+            *waited, newest = data.split(_SYNC_LINE)
             for number, part in enumerate(waited, start=1):
-                self.write(self.adapter.feed(part + _SYNC))
+                self.write(self.adapter.feed(part + _SYNC_LINE))
                 self.write(self.adapter.heard())
                 passing(number / len(waited))
             self.write(self.adapter.feed(newest))
             self.write(self.adapter.heard())
 
 
-def _written(frame: Frame) -> bytes:
+def _line_of(frame: Frame) -> bytes:
     """The line of a frame: t, r for a remote request, in capitals with eight digits of identifier.
 
     A remote request asks for as many bytes as it states and has none.
@@ -624,7 +624,7 @@ class BusServer:
         self.lag = LatencyHistogram()
         """How late the bus's time was at each round: an emulator that starves answers late."""
         self.paused: Paused = never
-        self.beside: Passing = nothing
+        self.second_port: Passing = nothing
         """Called in every round with the time in s: a second port that is served."""
         self._step = step
         self._stop = threading.Event()
@@ -650,7 +650,7 @@ class BusServer:
                 # of SYNCs that have waited each has its own time; who comes meanwhile waits, too
                 self.port.pump(passing)
                 passing(1.0)
-                self.beside(now)
+                self.second_port(now)
 
     def stop(self) -> None:
         """End ``run``, from a second thread."""

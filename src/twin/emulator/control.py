@@ -19,7 +19,7 @@ from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.load import InertiaLoad
 from twin.emulator.node import EmulatedNode
 
-WORDS = (
+CONTROL_COMMANDS = (
     "state",
     "fault NODE NUMBER [lasting]",
     "sto NODE",
@@ -39,15 +39,15 @@ WORDS = (
     "cut ID|all BYTES SECONDS",
     "clear",
 )
-"""What a line may be; NUMBER, INDEX, CODE and ID are decimal, or hexadecimal with 0x."""
-_USAGE = {each.split()[0]: f"how: {each}" for each in WORDS}
+"""Allowed lines; NUMBER, INDEX, CODE and ID are decimal, or hexadecimal with 0x."""
+_USAGE_TEXTS = {each.split()[0]: f"how: {each}" for each in CONTROL_COMMANDS}
 """How a line is written, by its first word."""
 
 _LARGEST_LINE_BYTES = 200
 
 
 class ControlError(TwinError):
-    """A line that cannot be obeyed; the message says why."""
+    """A line that cannot be obeyed; the message has the reason."""
 
 
 class UnknownLineError(ControlError):
@@ -65,10 +65,11 @@ class BusControl:
         self._bus = bus
 
     def obey(self, line: str) -> str:
-        """Do what a line says; return what was done or seen.
+        """Carry out a line; return what was done or seen.
 
         Raises:
-            ControlError: The line is none of ``WORDS``, or a number in it is not allowed.
+            ControlError: The line is none of ``CONTROL_COMMANDS``, or a number in it is not
+                allowed.
         """
         words = line.split()
         match words:
@@ -79,11 +80,11 @@ class BusControl:
                 return "frames pass as sent"
             case [("drop" | "delay" | "repeat" | "cut") as what, identifier, *numbers]:
                 return self._damage(what, _identifier(identifier), numbers)
-            case [word, node, *_] if word in _USAGE:
+            case [word, node, *_] if word in _USAGE_TEXTS:
                 return self._drive(node, words)
-            case [word, *_] if word in _USAGE:
-                raise ControlError(_USAGE[word])
-        raise UnknownLineError(f"known: {'; '.join(WORDS)}")
+            case [word, *_] if word in _USAGE_TEXTS:
+                raise ControlError(_USAGE_TEXTS[word])
+        raise UnknownLineError(f"known: {'; '.join(CONTROL_COMMANDS)}")
 
     def _damage(self, what: str, identifier: int | None, numbers: list[str]) -> str:
         faults = self._bus.faults
@@ -97,7 +98,7 @@ class BusControl:
             case "cut", [size, seconds]:
                 faults.truncate(identifier, to=_whole(size, 0, 8), lasting=_real(seconds))
             case _:
-                raise ControlError(_USAGE[what])
+                raise ControlError(_USAGE_TEXTS[what])
         named = "all frames" if identifier is None else f"frames {identifier:03X}h"
         return f"{named}: {what} {' '.join(numbers)} s"
 
@@ -142,11 +143,11 @@ class BusControl:
             case ["torque", torque]:
                 _load(drive).external = _real(torque, -10.0, 10.0)
             case _:
-                raise ControlError(_USAGE[words[0]])
+                raise ControlError(_USAGE_TEXTS[words[0]])
 
 
 def _state(drive: EmulatedNode) -> dict[str, object]:
-    """What a drive does, as ``state`` shows it."""
+    """State of a drive, as shown by ``state``."""
     return {
         "node": drive.node,
         "network": {127: "pre-operational", 5: "operational", 4: "stopped"}[drive.nmt],

@@ -117,12 +117,12 @@ MotionLimits = tuple[float, float]
 """Lowest and highest rate in rad/s."""
 
 
-PROFILE_VELOCITY = 3
+PROFILE_VELOCITY_MODE = 3
 
-_STANDSTILL_RAD_S = 1e-3
+_STOPPED_RATE_RAD_S = 1e-3
 _MODE_REST = 0.01
 """Rate in rad/s above which the mode may not change; assumed."""
-_HALT = 1 << 8
+_HALT_CONTROL = 1 << 8
 _VENDOR_ID = 0x6A
 
 
@@ -229,7 +229,7 @@ class EmulatedDrive(EmulatedNode):
         store, motor = self.store, self.motor
         unit = self.parameter_count * RPM
         if self.power.state is Power.OPERATION_ENABLED:
-            moving = self.mode == PROFILE_VELOCITY and not store.get(0x6040) & _HALT
+            moving = self.mode == PROFILE_VELOCITY_MODE and not store.get(0x6040) & _HALT_CONTROL
             target = self._target if moving else 0.0
             ramps = store.get(0x6083) * unit, store.get(0x6084) * unit
             most = store.get(0x207F) or (1 << 31)
@@ -239,5 +239,5 @@ class EmulatedDrive(EmulatedNode):
             motor.follow(0.0, (STOP_RAMP, STOP_RAMP), (0.0, 0.0), dt)
         else:
             motor.coast(dt)
-        if abs(motor.rate) < _STANDSTILL_RAD_S:
+        if abs(motor.rate) < _STOPPED_RATE_RAD_S:
             self.power.still()

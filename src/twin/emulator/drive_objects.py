@@ -1,7 +1,6 @@
 """The objects of emulated drives, and their messages about them: SDO answers, PDOs, heartbeats.
 
-An object dictionary is a table in TOML. That of an AKD is ``drive_objects.toml``; the host has its
-own.
+An object dictionary is a table in TOML. The AKD's is ``drive_objects.toml``; the host has its own.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
 READ_ONLY = 0x06010002
 WRONG_LENGTH = 0x06070010
-OUT_OF_RANGE = 0x06090030
+VALUE_OUT_OF_RANGE = 0x06090030
 NOT_NOW = 0x08000022
 NOT_MAPPABLE = 0x06040041
 PDO_TOO_LONG = 0x06040042
@@ -29,7 +28,7 @@ AKD_MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
 PDO_ENTRIES = 8
 """Most entries of a PDO."""
 
-INVALID = 1 << 31
+COB_ID_INVALID = 1 << 31
 """Bit of a COB-ID: what has it is off."""
 PDO_PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
 """Indices of the communication parameters of PDOs."""
@@ -78,8 +77,8 @@ class DriveObject(NamedTuple):
         default: Value at power-up; of a text 0.
         text: Its name or the source of its default; of type S the text that it holds is in
             ``content``.
-        low: Smallest value that may be written, None for that of its type.
-        high: Largest value that may be written, None for that of its type.
+        low: Smallest value that may be written, None for the smallest of its type.
+        high: Largest value that may be written, None for the largest of its type.
         content: The text of an object of type S.
     """
 
@@ -218,9 +217,9 @@ class ObjectDictionary:
             raise AbortError(WRONG_LENGTH)
         value = int.from_bytes(data, "little", signed=known.signed)
         if known.low is not None and value < known.low:
-            raise AbortError(OUT_OF_RANGE)
+            raise AbortError(VALUE_OUT_OF_RANGE)
         if known.high is not None and value > known.high:
-            raise AbortError(OUT_OF_RANGE)
+            raise AbortError(VALUE_OUT_OF_RANGE)
         self.check(index, sub, value)
         self._check_pdo(index, sub, value)
         if (index, sub) not in self.stuck:
@@ -236,16 +235,16 @@ class ObjectDictionary:
     def _check_pdo(self, index: int, sub: int, value: int) -> None:
         """CiA 301's order: switch the PDO off, count to 0, entries, count, switch it on."""
         if index in PDO_PARAMETERS and sub == 1:
-            off = self.get(index, 1) & INVALID or value & INVALID
+            off = self.get(index, 1) & COB_ID_INVALID or value & COB_ID_INVALID
             if not off and self.get(index, 1) != value:
                 raise AbortError(NOT_NOW)
         if index - 0x200 not in PDO_PARAMETERS:
             return
-        if not self.get(index - 0x200, 1) & INVALID:
+        if not self.get(index - 0x200, 1) & COB_ID_INVALID:
             raise AbortError(NOT_NOW)
         if sub == 0:
             if value > PDO_ENTRIES:
-                raise AbortError(OUT_OF_RANGE)
+                raise AbortError(VALUE_OUT_OF_RANGE)
             if sum(self.get(index, each) & 0xFF for each in range(1, value + 1)) > 64:
                 raise AbortError(PDO_TOO_LONG)
         elif self.get(index, 0):
@@ -281,15 +280,15 @@ class ObjectStore(ObjectDictionary):
         """
         if index == 0x6060:
             if value not in AKD_MODES:
-                raise AbortError(OUT_OF_RANGE)
+                raise AbortError(VALUE_OUT_OF_RANGE)
             if value != self.get(0x6060) and self.turning():
                 raise AbortError(NOT_NOW)
 
 
-_HEAD = struct.Struct("<BHB")
+_SDO_HEAD = struct.Struct("<BHB")
 
 _TOO_SHORT, _TOO_LONG = 0x8210, 0x8220
-_SYNCHRONOUS = 240
+_MAX_SYNCHRONOUS_TYPE = 240
 
 
 def sdo_answer(
@@ -310,7 +309,7 @@ def sdo_answer(
     """
     if len(request) != 8:
         return None
-    command, index, sub = _HEAD.unpack_from(request)
+    command, index, sub = _SDO_HEAD.unpack_from(request)
     if command == 0x80:
         return None
     try:
@@ -318,16 +317,16 @@ def sdo_answer(
             raise AbortError(aborts[index, sub])
         if command & 0xE0 == 0x40:
             data = store.read(index, sub)
-            head = _HEAD.pack(0x43 | (4 - len(data)) << 2, index, sub)
+            head = _SDO_HEAD.pack(0x43 | (4 - len(data)) << 2, index, sub)
             return head + data.ljust(4, b"\0")
         if command & 0xE3 == 0x23 or command == 0x22:
             size = 4 - (command >> 2 & 3) if command != 0x22 else store.find(index, sub).size
             store.write(index, sub, request[4 : 4 + size])
             written(index, sub)
-            return _HEAD.pack(0x60, index, sub) + bytes(4)
+            return _SDO_HEAD.pack(0x60, index, sub) + bytes(4)
         raise AbortError(UNKNOWN_COMMAND)
     except AbortError as refusal:
-        return _HEAD.pack(0x80, index, sub) + struct.pack("<I", refusal.code)
+        return _SDO_HEAD.pack(0x80, index, sub) + struct.pack("<I", refusal.code)
 
 
 class Pdos:
@@ -359,7 +358,7 @@ class Pdos:
             needed = sum(size for _, _, size in self._entries(0x1600 + number))
             if len(frame.data) < needed:
                 return _TOO_SHORT
-            if kind <= _SYNCHRONOUS:
+            if kind <= _MAX_SYNCHRONOUS_TYPE:
                 self._pending[number] = frame.data
             else:
                 self._apply(number, frame.data)
@@ -371,7 +370,7 @@ class Pdos:
         sent = []
         for number in range(4):
             cob_id, kind = self._parameters(0x1800 + number)
-            if cob_id is None or not 1 <= kind <= _SYNCHRONOUS:
+            if cob_id is None or not 1 <= kind <= _MAX_SYNCHRONOUS_TYPE:
                 continue
             self._counts[number] += 1
             if self._counts[number] >= kind:
@@ -393,7 +392,7 @@ class Pdos:
     def _parameters(self, index: int) -> tuple[int | None, int]:
         """Identifier of a PDO, None if it is off, and its transmission type."""
         cob_id = self._store.get(index, 1)
-        return None if cob_id & INVALID else cob_id & 0x7FF, self._store.get(index, 2)
+        return None if cob_id & COB_ID_INVALID else cob_id & 0x7FF, self._store.get(index, 2)
 
     def _entries(self, index: int) -> Iterator[tuple[int, int, int]]:
         """Index, subindex and bytes of each entry of a mapping; an empty one has no bytes."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from twin.base.errors import ScenarioError, nearest
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.control import WORDS, BusControl, ControlError, place_of_touch
+from twin.emulator.control import CONTROL_COMMANDS, BusControl, ControlError, place_of_touch
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Condition, Severity
 from twin.hal.rig import Entry
@@ -50,7 +50,7 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
     Raises:
         ScenarioError: If a time is none of the run, or the virtual rig cannot obey a line.
     """
-    known = sorted({*RIG_WORDS, "touch", *(each.split()[0] for each in WORDS)})
+    known = sorted({*RIG_WORDS, "touch", *(each.split()[0] for each in CONTROL_COMMANDS)})
     found = []
     for text in texts:
         at, _, line = text.strip().partition(" ")
@@ -83,7 +83,11 @@ def _rehearse(line: str) -> None:
     word = line.split(maxsplit=1)[0]
     if word == "touch":
         place_of_touch(line)
-    elif word in RIG_WORDS and word not in {each.split()[0] for each in WORDS} and line != word:
+    elif (
+        word in RIG_WORDS
+        and word not in {each.split()[0] for each in CONTROL_COMMANDS}
+        and line != word
+    ):
         raise ControlError(f"how: {word}")
     elif line not in RIG_WORDS:
         drives = [EmulatedDrive(node) for node in RIG_NODES]

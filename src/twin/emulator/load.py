@@ -1,4 +1,4 @@
-"""What an emulated drive turns: an inertia with friction of its own, or the shaft of a plant.
+"""Loads of an emulated drive: an inertia with friction of its own, or the shaft of a plant.
 
 Angles in rad, rates in rad/s, torques in N m, at the motor shaft.
 """

@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.recording import Hear, TracedBus
 from twin.devices.akd.servos import AkdServos
-from twin.devices.lumio.config import LumioConfig, ScreenError, Transport
+from twin.devices.lumio.config import HID_PANELS, LumioConfig, ScreenError, Transport
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
@@ -66,7 +66,7 @@ class MotionTrace:
 
     def __init__(self, rig: LockstepRig) -> None:
         self.changes: list[PowerChange] = []
-        """What the power stages did, oldest first."""
+        """Events of the power stages, oldest first."""
         self._rig = rig
         self._drives = tuple(rig.lockstep.drives[:2])
         self._states = [drive.state for drive in self._drives]
@@ -178,10 +178,10 @@ class LockstepDrives:
         self.missing: Exception | None = None
         """With what opening the adapter fails; None where it is there."""
         self.heard: Hear | None = None
-        """Who is given every frame that the host sends or receives, in bus time."""
+        """Receiver of every frame that the host sends or receives, in bus time."""
 
     def _open(self, _: BusConfig) -> can.BusABC:
-        """What the host opens as its bus.
+        """Bus that the host opens.
 
         Raises:
             Exception: The adapter is not there.
@@ -226,7 +226,7 @@ class LockstepScreenPort(Transport):
         return -1
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived; never waits.
+        """Bytes that have arrived; never waits.
 
         Raises:
             ScreenError: It is unplugged.
@@ -288,7 +288,11 @@ class LockstepRig(HardwareRig):
         self.now, self.sleep = self.lockstep.adapter.now, self.lockstep.adapter.sleep
         """Bus time in s; lets some s of it pass."""
         self.line = plant.screen_line(plant.ball, protocol)
-        self.touch = touch or LumioConfig(port="emulated", protocol=str(protocol))
+        self.touch = touch or LumioConfig(
+            port="emulated",
+            transport="hidraw" if protocol in HID_PANELS else "serial",
+            protocol=str(protocol),
+        )
         self.port = LockstepScreenPort(self.line, self.now)
         screen: PoweredScreen = LockstepScreen(self.touch, self.now, port=self.port)
         if other_screen is not None:

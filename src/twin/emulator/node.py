@@ -13,7 +13,7 @@ from twin.emulator.power_stage import MASTER_SILENT, Power, PowerStage
 
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 127, 5, 4
 
-_EMERGENCY = struct.Struct("<HB")
+_EMERGENCY_FRAME = struct.Struct("<HB")
 
 
 class EmulatedNode(ABC):
@@ -100,7 +100,7 @@ class EmulatedNode(ABC):
 
     def emergency(self, code: int, register: int = 0, extra: bytes = b"") -> None:
         """Send an emergency message."""
-        data = _EMERGENCY.pack(code, register) + extra.ljust(5, b"\0")
+        data = _EMERGENCY_FRAME.pack(code, register) + extra.ljust(5, b"\0")
         self._out.append(Frame(self.emergency_id, data[:2] if self.short_emergencies else data))
 
     @property

@@ -24,13 +24,13 @@ NO_VOLTAGE = 247
 MASTER_SILENT = 129
 """Numbers of the faults that the inputs and a silent master bring; those of an AKD."""
 
-_TORQUE_STATES = {
+_POWERED_STATES = {
     Power.SWITCHED_ON,
     Power.OPERATION_ENABLED,
     Power.QUICK_STOP,
     Power.FAULT_REACTION,
 }
-_RESET = 0x80
+_RESET_CONTROL = 0x80
 
 
 class PowerStage:
@@ -56,11 +56,11 @@ class PowerStage:
     @property
     def live(self) -> bool:
         """Whether the motor has torque or would have it in a moment."""
-        return self.state in _TORQUE_STATES
+        return self.state in _POWERED_STATES
 
     def control(self, word: int) -> list[int]:
         """Obey a control word, one transition at most; numbers of faults that come of it."""
-        rising = word & _RESET and not self._control & _RESET
+        rising = word & _RESET_CONTROL and not self._control & _RESET_CONTROL
         self._control = word
         if self.state is Power.FAULT:
             if rising and not self.refuse_reset and not self.standing:

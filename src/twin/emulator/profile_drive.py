@@ -12,7 +12,7 @@ from collections import deque
 from functools import partial
 from typing import Generic, TypeVar
 
-from twin.emulator.drive_objects import INVALID, AbortError, Frame, Heartbeats, Key
+from twin.emulator.drive_objects import COB_ID_INVALID, AbortError, Frame, Heartbeats, Key
 from twin.emulator.load import Inertia, InertiaLoad, ShaftLoad
 from twin.emulator.node import OPERATIONAL, EmulatedNode
 from twin.emulator.power_stage import MASTER_SILENT, Power
@@ -45,19 +45,19 @@ FOLLOWING_ERROR = 0x8611
 MAX_STEP_S = 0.001
 """Longest step in s of the drive's controllers."""
 
-_HISTORY = 8
-_WRAP = 1 << 32
-_STANDSTILL_RAD_S = 0.05
+_HISTORY_LENGTH = 8
+_COUNTER_WRAP = 1 << 32
+_STANDSTILL_RATE_RAD_S = 0.05
 _REMAINS, _ENDS = 6, 2
 """Quick stop options as the power stage has them: the state stays, or ends at standstill."""
 
 
 Turned = TypeVar("Turned", InertiaLoad, ShaftLoad)
-"""What a drive turns."""
+"""Load of a drive."""
 
 
 class ProfileDrive(EmulatedNode, Generic[Turned]):
-    """One plain CiA 402 drive with what it turns.
+    """One plain CiA 402 drive with its load.
 
     Args:
         node: CANopen node, 1 to 127.
@@ -80,7 +80,7 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         self._sdo_server = SdoServer(store, self._written)
         self._origin = -self.motor.angle / COUNT_RAD
         self.modes = ModesOfOperation(store.get, self._set_position)
-        self._errors: deque[int] = deque(maxlen=_HISTORY)
+        self._errors: deque[int] = deque(maxlen=_HISTORY_LENGTH)
         self._following_failed = False
         self._beyond = 0.0
         self._take_load()
@@ -92,7 +92,7 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         live, modes, motor = self.store.live, self.modes, self.motor
         live(0x1001, 0, self._register)
         live(0x1003, 0, lambda: len(self._errors))
-        for place in range(_HISTORY):
+        for place in range(_HISTORY_LENGTH):
             live(0x1003, place + 1, partial(self._error, place))
         live(0x1010, 1, lambda: 1)
         live(0x1011, 1, lambda: 1)
@@ -188,7 +188,7 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         """Send an emergency message, unless 1014h switches them off, and note it in 1003h."""
         if code:
             self._errors.appendleft(code)
-        if not self.store.get(0x1014) & INVALID:
+        if not self.store.get(0x1014) & COB_ID_INVALID:
             super().emergency(code, register, extra)
 
     @property
@@ -300,7 +300,7 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         """Whether a stop is done: demand and motor rest, or nothing brakes."""
         if self.power.state is Power.FAULT_REACTION and not self.store.get(0x605E):
             return True
-        return not self.modes.demand.velocity and abs(self.motor.rate) < _STANDSTILL_RAD_S
+        return not self.modes.demand.velocity and abs(self.motor.rate) < _STANDSTILL_RATE_RAD_S
 
     def _drive(self, dt: float) -> None:
         """Let the motor follow the demand."""
@@ -325,13 +325,16 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
     def _unwind(self) -> None:
         """Keep positions within 32 bits where a motor turns on and on."""
         position = self._actual().position
-        if self.modes.mode in VELOCITY_MODES and not -_WRAP / 2 <= position < _WRAP / 2:
-            self._set_position((position + _WRAP / 2) % _WRAP - _WRAP / 2)
+        if (
+            self.modes.mode in VELOCITY_MODES
+            and not -_COUNTER_WRAP / 2 <= position < _COUNTER_WRAP / 2
+        ):
+            self._set_position((position + _COUNTER_WRAP / 2) % _COUNTER_WRAP - _COUNTER_WRAP / 2)
 
 
 def _wrap_counts(counts: float) -> int:
     """A position in counts, wrapped to 32 bits."""
-    return (round(counts) + _WRAP // 2) % _WRAP - _WRAP // 2
+    return (round(counts) + _COUNTER_WRAP // 2) % _COUNTER_WRAP - _COUNTER_WRAP // 2
 
 
 def register_bits(code: int) -> int:

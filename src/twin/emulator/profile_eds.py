@@ -9,10 +9,10 @@ from twin.emulator.profile_objects import profile_table
 
 FILE_NAME = "ballplate-cia402.eds"
 
-_TYPES = {"I8": 2, "I16": 3, "I32": 4, "U8": 5, "U16": 6, "U32": 7, "S": 9}
+_CIA301_TYPE_CODES = {"I8": 2, "I16": 3, "I32": 4, "U8": 5, "U16": 6, "U32": 7, "S": 9}
 """Data types of CiA 301."""
 _ARRAY, _RECORD = 8, 9
-_MANDATORY = {0x1000, 0x1001, 0x1018}
+_MANDATORY_OBJECTS = {0x1000, 0x1001, 0x1018}
 _RATES_KBIT_S = (10, 20, 50, 125, 250, 500, 800, 1000)
 _DATE, _TIME = "11-29-2026", "12:00AM"
 
@@ -22,9 +22,11 @@ def eds_text() -> str:
     objects = read_objects(profile_table(), 0)
     indices = sorted({index for index, _ in objects})
     kinds = {
-        "MandatoryObjects": [each for each in indices if each in _MANDATORY],
+        "MandatoryObjects": [each for each in indices if each in _MANDATORY_OBJECTS],
         "OptionalObjects": [
-            each for each in indices if each not in _MANDATORY and not 0x2000 <= each < 0x6000
+            each
+            for each in indices
+            if each not in _MANDATORY_OBJECTS and not 0x2000 <= each < 0x6000
         ],
         "ManufacturerObjects": [each for each in indices if 0x2000 <= each < 0x6000],
     }
@@ -102,7 +104,7 @@ def _variable(section: str, index: int, sub: int, entry: DriveObject) -> Iterato
         section,
         ParameterName=entry.text,
         ObjectType="0x7",
-        DataType=f"0x{_TYPES[entry.type]:04X}",
+        DataType=f"0x{_CIA301_TYPE_CODES[entry.type]:04X}",
         AccessType=entry.access,
         DefaultValue=_default(index, sub, entry),
         PDOMapping=int(entry.pdo),

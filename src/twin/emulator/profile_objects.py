@@ -14,12 +14,12 @@ from typing import Any
 
 from twin.base.data_file import read_packaged
 from twin.emulator.drive_objects import (
-    INVALID,
+    COB_ID_INVALID,
     NOT_NOW,
-    OUT_OF_RANGE,
     PDO_PARAMETERS,
     READ_ONLY,
     UNKNOWN_COMMAND,
+    VALUE_OUT_OF_RANGE,
     WRONG_LENGTH,
     AbortError,
     Frame,
@@ -39,7 +39,7 @@ NO_REMOTE = 1 << 30
 
 _COB_IDS = {*((index, 1) for index in PDO_PARAMETERS), (0x1005, 0), (0x1014, 0)}
 _NEVER_STORED = {0x1003, 0x1010, 0x1011, 0x6040, 0x607A, 0x60FF}
-_RESTRICTED = (
+_RESTRICTED_WRITES = (
     range(0x001), range(0x001, 0x080), range(0x101, 0x181), range(0x581, 0x600),
     range(0x601, 0x680), range(0x6E0, 0x700), range(0x701, 0x800),
 )  # fmt: skip
@@ -82,18 +82,18 @@ class ProfileObjects(ObjectDictionary):
             AbortError: The reason.
         """
         if not self.allows(index, value):
-            raise AbortError(OUT_OF_RANGE)
+            raise AbortError(VALUE_OUT_OF_RANGE)
         if (index, sub) in _COB_IDS and not _is_cob_id(value):
-            raise AbortError(OUT_OF_RANGE)
+            raise AbortError(VALUE_OUT_OF_RANGE)
         if index == 0x1005 and value >> 11:
-            raise AbortError(OUT_OF_RANGE)  # no SYNC is produced
+            raise AbortError(VALUE_OUT_OF_RANGE)  # no SYNC is produced
         signature = {0x1010: SAVE, 0x1011: LOAD}.get(index)
         if signature is not None and value != signature:
             raise AbortError(NOT_STORED)
         if index in PDO_PARAMETERS:
             if sub == 2 and value in range(241, 254):
-                raise AbortError(OUT_OF_RANGE)
-            if sub == 3 and not self.get(index, 1) & INVALID:
+                raise AbortError(VALUE_OUT_OF_RANGE)
+            if sub == 3 and not self.get(index, 1) & COB_ID_INVALID:
                 raise AbortError(NOT_NOW)
 
     def stored(self) -> dict[Key, int]:
@@ -117,7 +117,7 @@ def _is_cob_id(value: int) -> bool:
     return (
         not value & 1 << 29
         and identifier < 0x800
-        and not any(identifier in each for each in _RESTRICTED)
+        and not any(identifier in each for each in _RESTRICTED_WRITES)
     )
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Protocol(StrEnum):
-    """What the screen speaks."""
+    """Protocol of the screen."""
 
     MICROTOUCH = "microtouch"
     ELO = "elo"
@@ -131,7 +131,7 @@ def _pair(spot: Spot) -> bytes:
 
 
 class ScreenFault(StrEnum):
-    """What can be injected, for a time.
+    """Faults that can be injected, for a time.
 
     Bytes: TRUNCATE cuts packets short; SPLIT sends them in two parts 3 ms apart; MERGE sends two
     at once; GARBLE flips a bit of each; NOISE sends random bytes between packets; CHECKSUM
@@ -251,7 +251,7 @@ class Damage:
         return self.active(time, ScreenFault.MISSING_PEN_UP, ScreenFault.DROPOUT)
 
     def packet(self, time: float, packet: bytes) -> list[bytes]:
-        """What is sent for a packet: nothing, itself, or parts to be sent some time apart."""
+        """Bytes that are sent for a packet: none, itself, or parts some time apart."""
         for fault, change in self._bytes.items():
             if self.active(time, fault):
                 packet = change(packet)
@@ -272,7 +272,7 @@ class Damage:
 
 FRAME_INTERVAL_S = 0.01736
 """Seconds between frames, as recorded from a screen of product 202E:0006."""
-DEAD_TIME = 0.042
+SCREEN_DEAD_TIME_S = 0.042
 """Seconds from a touch to its arrival, as the thesis measured."""
 SCAN_TICK = 1e-4
 """Seconds of one count of a scan time."""
@@ -309,7 +309,7 @@ class ScreenLine:
     protocol: Protocol = Protocol.MICROTOUCH
     baud: int = 9600
     frame: float = FRAME_INTERVAL_S
-    dead_time: float = DEAD_TIME
+    dead_time: float = SCREEN_DEAD_TIME_S
     spread: float = 0.0
     jitter: float = 0.0
     lost: float = 0.0

@@ -5,6 +5,7 @@ It serves in a process of its own, which comes before every ordinary one.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
@@ -51,10 +52,18 @@ MAX_PLANT_STEP_S = 0.001
 """Longest step in s of the plant between two looks at the drives."""
 
 
-STOP = float(np.radians(5.0))
+STOP_MARGIN_RAD = float(np.radians(5.0))
 """How far beyond the limit of its angle a plate meets its mechanical stop, rad; assumed.
 
 The stops of the rig, at 10 deg (thesis, chapter 3), would hide what the host does."""
+
+
+RARE = 1e-8
+"""Share of a screen's frames before which more are missing than a host is told to bear with."""
+
+
+NOTICED_S = 0.01
+"""Time in s within which a host notices a frame that has arrived."""
 
 
 class Wiring(NamedTuple):
@@ -124,7 +133,7 @@ class EmulatedPlant:
         """Rates in rad/s by which somebody turns the motor shafts besides the drives."""
         self.wiring = Wiring()
         """How drives, motors and encoders are joined; what is wrong with it may be put here."""
-        self.stop = float(np.max(scenario.rig.limits.angle_deg)) * np.pi / 180 + STOP
+        self.stop = float(np.max(scenario.rig.limits.angle_deg)) * np.pi / 180 + STOP_MARGIN_RAD
         """Plate angle in rad at which each axis meets its mechanical stop."""
         self._slipped = np.zeros(2)
         """Motor angles in rad that have not reached the plate."""
@@ -139,7 +148,7 @@ class EmulatedPlant:
     """Plate angles to motor angles, as the scenario's rig knows them."""
 
     _touch: Touch
-    """What the screen is touched by now."""
+    """Present touch of the screen."""
 
     @property
     def lost(self) -> float:
@@ -159,6 +168,24 @@ class EmulatedPlant:
         plate = np.full((1, 2), servo.deadband + servo.resolution)
         turn = self.transmission.motor(plate) - self.transmission.motor(0 * plate)
         return float(np.abs(turn).max())
+
+    @property
+    def shaft_lag(self) -> float:
+        """Time constant in s with which its shafts follow the drives' velocities."""
+        servo = from_scenarios(DriveModel, [self._scenario])
+        lag = 1 / (2 * np.pi * float(servo.bandwidth)) if servo.bandwidth else 0.0
+        return float(servo.dead_time) + lag
+
+    @property
+    def longest_gap(self) -> float:
+        """Longest time in s from one frame of its screen to the next, as good as always."""
+        screen = from_scenarios(TouchModel, [self._scenario])
+        if not screen.frame_rate:
+            return 0.0
+        frame = 1 / float(screen.frame_rate)
+        missing = math.ceil(math.log(RARE) / math.log(screen.lost)) if screen.lost else 0
+        early = min(3 * float(screen.jitter), frame / 2) + 3 * float(screen.spread)
+        return (1 + missing) * frame + 2 * early + NOTICED_S
 
     def attach(self, drives: Sequence[Turning]) -> None:
         """Let the drives, phi then theta, move the plant and read its encoders."""
@@ -272,7 +299,7 @@ class VirtualRig(VirtualBus):
         super().__init__(turning, name, MAX_PLANT_STEP_S)
         self.line = self.plant.screen_line(self._ball, protocol)
         self.screen = PseudoTerminal("lumio")
-        self.server.beside = self._show
+        self.server.second_port = self._show
         self._finger: tuple[float, float] | None = None
         self.plant.attach(turning)
         self.bus.moved = self.plant.advance
@@ -295,6 +322,9 @@ class VirtualRig(VirtualBus):
             protocol=self.line.protocol,
             travel=min(0.005 + self.plant.kept_back, 0.1),  # its default, and the most it may be
             lost=min(0.6 + float(np.degrees(self.plant.lost)), 5.0),
+            shaft_lag=min(self.plant.shaft_lag, 0.5),
+            stale=min(max(0.06, self.plant.longest_gap), 1.0),
+            gone=min(max(0.1, self.plant.longest_gap + 0.04), 1.0),
         )
 
     def tables(self) -> Tables:
@@ -372,7 +402,7 @@ class VirtualRig(VirtualBus):
 EMULATOR_PRIORITY = 70
 """Of SCHED_FIFO: before every ordinary process, after the host's loop (80)."""
 ENDED_MESSAGE = "emulated rig: its process has ended; was it killed?"
-START_TIMEOUT_S = 60.0
+EMULATOR_START_TIMEOUT_S = 60.0
 """Longest time in s that the process may take to start."""
 
 
@@ -412,7 +442,7 @@ class PauseWatch:
             if begin - cells[own + 2] > self.LONG:  # else one gap: who looks late sees it whole
                 cells[own + 1] = begin
             cells[own + 2] = end
-        cells[own] = end  # last: who sees that one has come round reads what it missed
+        cells[own] = end  # last: a reader that sees the buffer wrap then finds this end
         if not late:
             return 0.0
         seen, since, until = (cells[self._other + each] for each in range(3))
@@ -545,6 +575,6 @@ def _rig_file(pipe: Connection) -> Tables:
         RigError: It has ended, or takes too long.
     """
     with suppress(EOFError):
-        if pipe.poll(START_TIMEOUT_S):
+        if pipe.poll(EMULATOR_START_TIMEOUT_S):
             return pipe.recv()
     raise RigError("emulated rig: its process did not start; run ballplate emulate to see why")

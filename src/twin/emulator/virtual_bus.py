@@ -76,7 +76,7 @@ class VirtualBus:
             return self._control.obey(line)
 
     def obey(self, word: str) -> str:
-        """What `control` did, or why it did nothing."""
+        """Result of `control`, or why it did nothing."""
         try:
             return self.control(word)
         except ControlError as error:

@@ -19,7 +19,6 @@ from twin.fmu.export import (
     Bus,
     Variable,
     add_token,
-    c_name,
     read_sources,
     write_fmu,
 )
@@ -87,6 +86,7 @@ def export_drive(path: Path, kind: str) -> str:
         fmi=3,
         bus=CAN_BUS,
         description=DESCRIPTION,
+        independent=(),
         step=STEP_S,
         duration=DURATION_S,
     )
@@ -98,16 +98,13 @@ def make_sources(variables: Sequence[Variable]) -> tuple[dict[str, str], str]:
     Args:
         variables: In the order of their value references.
     """
-    return add_token(read_sources(*NODE_SOURCES), lambda token: _object_sources(variables, token))
+    return add_token(read_sources(*NODE_SOURCES) | _object_sources(), variables)
 
 
-def _object_sources(variables: Sequence[Variable], token: str) -> dict[str, str]:
+def _object_sources() -> dict[str, str]:
     """The two files with the objects and constants of the emulated drive, by name."""
     plain, of_node_1 = drive_objects(0), drive_objects(1)
     given: dict[str, Any] = {
-        "variables": variables,
-        "token": token,
-        "c_name": c_name,
         "access": ACCESS_NAMES,
         "objects": [
             (key, plain[key], plain[key].default != of_node_1[key].default) for key in sorted(plain)

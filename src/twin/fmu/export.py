@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -199,7 +199,8 @@ def model_description(
         bus: The bus that the FMU is a node of; of FMI 3.0 only.
         about: ``name`` of the model and its binaries; ``token``, by which FMU and description know
             each other; ``compiled``, the source files; ``description`` in words; ``step`` and
-            ``duration`` in s of a default experiment.
+            ``duration`` in s of a default experiment; ``independent``, which of the lists Outputs
+            and InitialUnknowns name no dependency, as its outputs have none.
     """
     given = {"variables": variables, "fmi": fmi, "bus": bus, **about}
     given |= {"version": version("ballplate"), "exponents": exponents}
@@ -227,19 +228,11 @@ def c_name(variable: str) -> str:
     return bare.replace(".", "_").upper()
 
 
-def c_source(
-    scenario: Scenario,
-    variables: Sequence[Variable],
-    token: str,
-    surface: Array | None,
-    path: Array | None,
-) -> dict[str, str]:
-    """The two files that tell the C source of its scenario, by name.
+def c_source(scenario: Scenario, surface: Array | None, path: Array | None) -> dict[str, str]:
+    """The two files with what the scenario fixes, by name.
 
     Args:
         scenario: The owner of the rig.
-        variables: In the order of their value references.
-        token: By which FMU and description know each other; hexadecimal.
         surface: Relative friction and slope along x and y over the screen, shape (n, m, 3).
         path: The reference at the control periods, x, y and their first and second derivatives,
             shape (K, 6); None where it is no output.
@@ -254,9 +247,6 @@ def c_source(
     waits += 1 / touch.frame_rate if touch.frame_rate else 0.0
     given = {
         "scenario": scenario,
-        "variables": variables,
-        "token": token,
-        "c_name": c_name,
         "ring": 2 + math.ceil(max(waits, MIN_TOUCH_MEMORY_S) / scenario.rig.period),
         "size": (0, 0) if surface is None else surface.shape,
         "sloping": int(bool(grid[..., 1:].any())),
@@ -271,16 +261,21 @@ def c_source(
     return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
 
 
-C_SOURCES = ("rig.c", "rig.h", "instance.c", "instance.h", "fmi.h")
-"""The C source that both versions share."""
-FMI_SOURCES = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3.h", "fmi3_absent.c")}
-"""What goes with it, by the version of the standard."""
+RIG_SOURCES = ("rig.c", "rig.h", "model.h")
+"""The C source of the rig that no template makes."""
+FMI_SOURCES = {
+    2: ("instance.c", "instance.h", "fmi.h", "fmi2.c"),
+    3: ("instance.c", "instance.h", "fmi.h", "fmi3.c", "fmi3.h", "fmi3_absent.c"),
+}
+"""The C source around a model whose time goes in periods, by the version of the standard."""
 RIG_PARTS = "Exact equations, drives, touch screen, encoders and limits; without the mechanism."
 """What of a rig is in the FMU, for its description."""
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 """How the binary is compiled: without fused operations, so that every processor rounds alike."""
 REFERENCE_FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 """Folder of the reference, as the layered standard fmi-ls-ref has it."""
+QUIET_REFERENCE = "With noise = false; made by the twin, not by this FMU"
+"""Description of the reference of a rig."""
 MAX_REFERENCE_S = 5.0
 """Longest time in s of the reference."""
 
@@ -316,9 +311,10 @@ def export(
         path,
         held,
         *sources(scenario, held, fmi),
-        {f"{REFERENCE_FOLDER}/{file}": text for file, text in reference(quiet).items()},
+        reference(quiet),
         fmi=fmi,
         description=f"Rig of: {scenario.title}. {RIG_PARTS}",
+        independent=("Outputs",),
         step=scenario.rig.period,
         duration=scenario.duration,
     )
@@ -373,30 +369,36 @@ def frame_phase(scenario: Scenario) -> float:
 
 def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dict[str, str], str]:
     """The C source of a scenario's rig by the names of its files, and its token, a hash of it."""
-    written = read_sources(*C_SOURCES, *FMI_SOURCES[fmi])
+    written = read_sources(*RIG_SOURCES, *FMI_SOURCES[fmi])
     friction = build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map.grids[0]
     path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
-    return add_token(written, lambda token: c_source(scenario, held, token, surface, path))
+    return add_token(written | c_source(scenario, surface, path), held)
 
 
 def add_token(
-    written: Mapping[str, str], make: Callable[[str], Mapping[str, str]]
+    written: Mapping[str, str], variables: Sequence[Variable]
 ) -> tuple[dict[str, str], str]:
     """All C source by the names of its files, and its token, a hash of it.
 
     Args:
-        written: The files without the token.
-        make: The files with a token.
+        written: The files without token and variables.
+        variables: In the order of their value references.
     """
+
+    def make(token: str) -> dict[str, str]:
+        given = {"variables": variables, "token": token, "c_name": c_name}
+        names = ("variables.h", "variables.c")
+        return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
+
     bare = {**written, **make(16 * "0")}
     token = hashlib.sha256(json.dumps(bare).encode()).hexdigest()[:32]
     return {**written, **make(token)}, token
 
 
-def read_sources(*names: str) -> dict[str, str]:
-    """C source of this package, by the names of its files."""
-    folder = files("twin.fmu") / "c"
+def read_sources(*names: str, package: str = "twin.fmu") -> dict[str, str]:
+    """C source of a package, by the names of its files."""
+    folder = files(package) / "c"
     return {name: (folder / name).read_text(encoding="utf-8") for name in names}
 
 
@@ -408,7 +410,7 @@ def path_of(scenario: Scenario) -> Array:
 
 
 def reference(scenario: Scenario) -> dict[str, str]:
-    """Commands and what the twin answers, to check an import against: CSV by name.
+    """Commands and the twin's answers, to check an import against, by the names of their files.
 
     The scenario's own controller commands; the numbers are those of the twin in Python.
     """
@@ -428,12 +430,24 @@ def reference(scenario: Scenario) -> dict[str, str]:
     commands = ["rate_phi", "rate_theta"]
     answers = ["measured_x", "measured_phi", "measured_y", "measured_theta", "true_x", "true_y"]
     whole = pd.DataFrame(rows, columns=["time", *commands, *answers])
-    tables = {
-        f"reference_{part}.csv": whole[["time", *names]].to_csv(index=False, lineterminator="\n")
-        for part, names in {"in": commands, "out": answers}.items()
+    return reference_files(whole[["time", *commands]], whole[["time", *answers]], QUIET_REFERENCE)
+
+
+def reference_files(given: pd.DataFrame, expected: pd.DataFrame, about: str) -> dict[str, str]:
+    """Inputs and the outputs that belong to them, as fmi-ls-ref has them, by names in an archive.
+
+    Args:
+        given: Inputs, ``time`` first; a row holds until the next.
+        expected: Outputs, ``time`` first.
+        about: A description in words.
+    """
+    found = {
+        f"reference_{part}.csv": table.to_csv(index=False, lineterminator="\n")
+        for part, table in (("in", given), ("out", expected))
     }
-    manifest = "fmi-ls-manifest.xml"
-    return tables | {manifest: (TEMPLATE_FOLDER / manifest).read_text(encoding="utf-8")}
+    manifest = TEMPLATE_FOLDER / "fmi-ls-manifest.xml.j2"
+    found[manifest.stem] = render_template(manifest, about=about)
+    return {f"{REFERENCE_FOLDER}/{file}": text for file, text in found.items()}
 
 
 def compile_binary(

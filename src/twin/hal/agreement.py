@@ -14,24 +14,27 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
-from twin.hal.interface import Condition, Severity, Transmission
+from twin.hal.interface import LEVEL_REACTION, Condition, Severity, Transmission
 
-_STOPPED = "zero rate, then no torque"
-_CHECK = "check wiring, signs and scales with `ballplate doctor --move`, then run again"
+_STOP_REACTION = "zero rate, then no torque"
+_CHECK_WIRING = "check wiring, signs and scales with `ballplate doctor --move`, then run again"
 
 OPPOSITE = Condition(
-    "plate turns against its motor", Severity.STOP, 0.1, _STOPPED, _CHECK, periods=4
+    "plate turns against its motor", Severity.STOP, 0.1, _STOP_REACTION, _CHECK_WIRING, periods=4
 )
-WRONG_RATIO = Condition("plate ratio wrong", Severity.STOP, 0.5, _STOPPED, _CHECK, periods=4)
-EXCHANGED = Condition("axes exchanged", Severity.STOP, 0.25, _STOPPED, _CHECK, periods=4)
-_LEVELLED = "level the plate, then hold"
-DRIVES_EXCHANGED = Condition("drives exchanged", Severity.LEVEL, 2.0, _LEVELLED, _CHECK)
-UPHILL = Condition("ball rolls against the tilt", Severity.LEVEL, 2.0, _LEVELLED, _CHECK)
+WRONG_RATIO = Condition(
+    "plate ratio wrong", Severity.STOP, 0.5, _STOP_REACTION, _CHECK_WIRING, periods=4
+)
+EXCHANGED = Condition(
+    "axes exchanged", Severity.STOP, 0.25, _STOP_REACTION, _CHECK_WIRING, periods=4
+)
+DRIVES_EXCHANGED = Condition("drives exchanged", Severity.LEVEL, 2.0, LEVEL_REACTION, _CHECK_WIRING)
+UPHILL = Condition(
+    "ball rolls against the tilt", Severity.LEVEL, 2.0, LEVEL_REACTION, _CHECK_WIRING
+)
 AGREEMENT_CONDITIONS = (OPPOSITE, WRONG_RATIO, EXCHANGED, DRIVES_EXCHANGED, UPHILL)
 """All conditions of motors, plate and ball. Motors against plate are detected in that time where it
 turns at 10 deg/s, the ball against the plate where that is tilted by 1 deg."""
-
-AXES = ("phi", "theta")
 
 
 class Disagreement(NamedTuple):
@@ -96,8 +99,8 @@ MOTION_TEST = MotionTest()
 class Agreement:
     """Compares the angles of two motors and the plate, period by period.
 
-    Both are compared as plate angles, that of a motor by the ratio at level, so that a transmission
-    that is not linear is no disagreement. Their difference may vary by the lost motion between
+    Both are compared as plate angles: a motor angle times the ratio at level, so that a nonlinear
+    transmission is no disagreement. Their difference may vary by the lost motion between
     motor and plate (play, elastic parts, different sampling times) and by a share of the motion (an
     inaccurate transmission), since the first call and within a short time.
 
@@ -193,8 +196,8 @@ class Agreement:
             "the other way": (OPPOSITE, motor * np.where(own, -1, 1)),
             "both the other way": (OPPOSITE, -motor),
             "by the other motor": (EXCHANGED, motor[:, ::-1]),
-            "on another scale": (WRONG_RATIO, motor * np.where(own, scale, 1.0)),
-            "both on another scale": (WRONG_RATIO, motor * scale),
+            "on a different scale": (WRONG_RATIO, motor * np.where(own, scale, 1.0)),
+            "both on a different scale": (WRONG_RATIO, motor * scale),
         }
         margin = self._test.scale_margin
         misfits = {

@@ -30,6 +30,10 @@ class Severity(StrEnum):
     STOP = "stop"
 
 
+AXIS_NAMES = ("phi", "theta")
+"""The axes of the plate, in the order of every array of axes."""
+LEVEL_REACTION = "level the plate, then hold"
+"""Reaction to a condition of severity LEVEL, in words."""
 NOMINAL_PERIOD = 0.002
 """Control period of the thesis in s, the default of every rig."""
 
@@ -101,7 +105,7 @@ class FaultSource(Protocol):
         """Faults detected since the last call, oldest first; never waits."""
 
 
-BOUND = Followers(
+LIMIT_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
@@ -109,7 +113,7 @@ BOUND = Followers(
     identify="fits what moved, whatever limited it",
     symbols=GIVEN,
 )
-STOPS = replace(BOUND, symbols="bound the ball by the operating area")
+STOP_FOLLOWERS = replace(LIMIT_FOLLOWERS, symbols="bound the ball by the operating area")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,18 +132,24 @@ class Limits:
             plate's length at 10 deg it gains 1.3.
     """
 
-    angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, followed_by=BOUND, gt=0, le=30)
+    angle: Number = setting(
+        "rig.limits.angle_deg", 10.0, Unit.DEG, followed_by=LIMIT_FOLLOWERS, gt=0, le=30
+    )
     rate: Number = setting(
-        "rig.limits.rate_deg", 35.0, Unit.DEG, followed_by=BOUND.by("limits", 3600.0), gt=0
+        "rig.limits.rate_deg",
+        35.0,
+        Unit.DEG,
+        followed_by=LIMIT_FOLLOWERS.by("limits", 3600.0),
+        gt=0,
     )
     acceleration: Number = setting(
-        "rig.limits.acceleration", 7.0, followed_by=BOUND.by("limits", 1e4), gt=0
+        "rig.limits.acceleration", 7.0, followed_by=LIMIT_FOLLOWERS.by("limits", 1e4), gt=0
     )
     area: tuple[float, float] | Array = setting(
-        "rig.limits.area", (0.25, 0.15), followed_by=BOUND, gt=0
+        "rig.limits.area", (0.25, 0.15), followed_by=LIMIT_FOLLOWERS, gt=0
     )
-    margin: Number = setting("rig.limits.margin", 0.04, followed_by=STOPS, ge=0)
-    ball_speed: Number = setting("rig.limits.ball_speed", 1.5, followed_by=STOPS, gt=0)
+    margin: Number = setting("rig.limits.margin", 0.04, followed_by=STOP_FOLLOWERS, ge=0)
+    ball_speed: Number = setting("rig.limits.ball_speed", 1.5, followed_by=STOP_FOLLOWERS, gt=0)
 
 
 class Clamp:

@@ -1,6 +1,6 @@
 """Transmissions between two servos and a plate: cranks and rods in closed form, measured tables.
 
-The arm of axis phi lies on the plate's -x axis and that of theta on its +y axis, so that a crank
+The arm of axis phi lies on the plate's -x axis and the arm of theta on its +y axis, so that a crank
 that turns up tilts its axis to positive angles, as a cam does. With c = cos(theta) for phi and 1
 for theta, a rod of length l joins, seen from the servo's axis, the end of its crank (r cos m,
 r sin m) and the end of the arm a: p = a cos(angle) - d outwards, q = a c sin(angle) + h up, and the
@@ -28,7 +28,7 @@ LOCKING_TOLERANCE = 1e-6
 """Difference of a cosine from 1 at which a linkage locks; error in rad above which it does."""
 
 
-LENGTHS = Followers(
+LENGTH_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
@@ -53,16 +53,21 @@ class Linkage:
     """
 
     crank: Pair = setting(
-        "plant.linkage.crank_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=1000
+        "plant.linkage.crank_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTH_FOLLOWERS, ge=0, le=1000
     )
     rod: Pair = setting(
-        "plant.linkage.rod_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=2000
+        "plant.linkage.rod_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTH_FOLLOWERS, ge=0, le=2000
     )
     arm: Pair = setting(
-        "plant.linkage.arm_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=1000
+        "plant.linkage.arm_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTH_FOLLOWERS, ge=0, le=1000
     )
     distance: Pair = setting(
-        "plant.linkage.distance_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=1000
+        "plant.linkage.distance_mm",
+        (0.0, 0.0),
+        Unit.MM,
+        followed_by=LENGTH_FOLLOWERS,
+        ge=0,
+        le=1000,
     )
 
     @property
@@ -166,7 +171,9 @@ POINTS_PER_ROW = 200
 """Points of a table's curve from one row to the next."""
 
 
-TYPED = replace(LENGTHS, mechanism="has cams or rods and no table of tilts", source=GIVEN)
+TABLE_FOLLOWERS = replace(
+    LENGTH_FOLLOWERS, mechanism="has cams or rods and no table of tilts", source=GIVEN
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +181,7 @@ class TiltTable:
     """Plate angles as measured over servo angles, of two axes that do not move each other.
 
     Between rows the curve is the cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5, 1984),
-    which rises as they do; its rate has no jumps there, unlike that of straight lines. For both
+    which rises as they do; its slope has no jumps at the rows, unlike a polyline. For both
     directions it is divided finely into straight lines. Beyond the ends servo and plate rest.
 
     Attributes:
@@ -182,8 +189,12 @@ class TiltTable:
         theta: The same of theta, in rad.
     """
 
-    phi: Rows = setting("plant.linkage.phi_deg", (), Unit.DEG, type=Rows, followed_by=TYPED)
-    theta: Rows = setting("plant.linkage.theta_deg", (), Unit.DEG, type=Rows, followed_by=TYPED)
+    phi: Rows = setting(
+        "plant.linkage.phi_deg", (), Unit.DEG, type=Rows, followed_by=TABLE_FOLLOWERS
+    )
+    theta: Rows = setting(
+        "plant.linkage.theta_deg", (), Unit.DEG, type=Rows, followed_by=TABLE_FOLLOWERS
+    )
 
     @property
     def given(self) -> bool:

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number, column, constant, every, finite, put, some
-from twin.hal.interface import NOMINAL_PERIOD, Clamp, Condition, Fault, Limits, Severity
+from twin.hal.interface import (
+    LEVEL_REACTION,
+    NOMINAL_PERIOD,
+    Clamp,
+    Condition,
+    Fault,
+    Limits,
+    Severity,
+)
 
 
 class State(IntEnum):
@@ -73,30 +81,29 @@ BALL_LOST_AFTER_S = 0.1
 BALL_SPEED_WINDOW_S = 0.04
 """Time in s over which the speed of the ball is measured."""
 
-_LEVEL_REACTION = "level the plate, then hold"
 _RUN_AGAIN_RECOVERY = "bring ball and plate back, then run again"
 
 BALL_OUTSIDE = Condition(
-    "ball outside", Severity.LEVEL, NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+    "ball outside", Severity.LEVEL, NOMINAL_PERIOD, LEVEL_REACTION, _RUN_AGAIN_RECOVERY
 )
 BALL_FAST = Condition(
-    "ball too fast", Severity.LEVEL, 2 * BALL_SPEED_WINDOW_S, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+    "ball too fast", Severity.LEVEL, 2 * BALL_SPEED_WINDOW_S, LEVEL_REACTION, _RUN_AGAIN_RECOVERY
 )
 BALL_LOST = Condition(
     "ball lost",
     Severity.LEVEL,
     BALL_LOST_AFTER_S + NOMINAL_PERIOD,
-    _LEVEL_REACTION,
+    LEVEL_REACTION,
     _RUN_AGAIN_RECOVERY,
 )
 PLATE_TILTED = Condition(
-    "plate past its limit", Severity.LEVEL, NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+    "plate past its limit", Severity.LEVEL, NOMINAL_PERIOD, LEVEL_REACTION, _RUN_AGAIN_RECOVERY
 )
 BAD_REQUEST = Condition(
     "controller failed",
     Severity.LEVEL,
     NOMINAL_PERIOD,
-    _LEVEL_REACTION,
+    LEVEL_REACTION,
     "fix the controller, then run again",
 )
 NOT_LEVELLING = Condition(
@@ -154,8 +161,8 @@ class Supervisor:
         period: Control period in s.
         rigs: Number of rigs.
         late: Longest time in s from a command to the motion of the plate.
-        grown: Further tilt in rad, besides that of braking, that is allowed while a plate is
-            levelled.
+        grown: Further tilt in rad, in addition to the tilt of braking, that is allowed while a
+            plate is levelled.
     """
 
     MAX_FURTHER_TILT_RAD = float(np.radians(1.0))
@@ -283,7 +290,7 @@ class Supervisor:
         return np.broadcast_to(np.greater(self._unseen, BALL_LOST_AFTER_S), self.state.shape)
 
     def watch(self, y: Array, touched: Mask) -> None:
-        """Level the running rigs whose measured ball or plate exceeds a limit.
+        """Level the running rigs with a measured ball or plate beyond a limit.
 
         NaN counts as beyond its limit, except for a ball that is not detected.
 
@@ -320,7 +327,7 @@ class Supervisor:
             self._watch_levelling(np.abs(plate))
 
     def _watch_levelling(self, tilt: Array) -> None:
-        """Stop the rigs whose plate tilts further and further though it is levelled.
+        """Stop the rigs with a plate that tilts further and further though it is levelled.
 
         Commands that have not reached the drives yet, and braking, may tilt it a little further.
 

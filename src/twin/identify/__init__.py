@@ -1,1 +1,1 @@
-"""Fits the twin's parameters to a recorded run, and says which of them the run shows."""
+"""Fits the twin's parameters to a recorded run, and reports which of them the run determines."""

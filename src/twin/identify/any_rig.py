@@ -1,4 +1,4 @@
-"""From logs of any rig to the plain model of each axis, with intervals and held-out errors."""
+"""Fits the plain model of each axis to logs of any rig, with intervals and held-out errors."""
 
 from __future__ import annotations
 
@@ -46,9 +46,7 @@ from twin.identify.verdicts import (
 
 AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and the sign that makes a level along them a tilt of the base."""
-LEVER_HELD_MESSAGE = (
-    "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball's radius"
-)
+LEVER_HELD_MESSAGE = "held: the given height and 2/3 of a hollow, 2/5 of a solid ball's radius"
 """Message for a lever that is computed from the given height."""
 
 
@@ -107,24 +105,24 @@ class AxisIdentification(Identification):
 
     Attributes:
         factor: Share of gravity that accelerates the ball.
-        ball: The ball of the rig, whose radius scales the friction.
+        ball: The ball of the rig; its radius scales the friction.
     """
 
     factor: float
     ball: BallPlate
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
-        """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
+        """Scenario keys and their values in TOML, of the parameters with one of these verdicts.
 
         Friction, dead time and lag are the mean of the axes; a scenario has one of each. Dead time
-        and lag of which only the sum has it are told as well: these two together are known.
+        and lag are included as well where only their sum has such a verdict.
         """
         known: dict[str, dict[str, float]] = {}
-        told = {each.name: each.word in words for each in self.verdicts}
+        accepted = {each.name: each.word in words for each in self.verdicts}
         for each in self.verdicts:
             name, _, axis = each.name.rpartition("_")
-            summed = name in {"dead_time", "lag"} and told.get(f"delay_{axis}")
-            if (told[each.name] or summed) and each.value is not None:
+            summed = name in {"dead_time", "lag"} and accepted.get(f"delay_{axis}")
+            if (accepted[each.name] or summed) and each.value is not None:
                 known.setdefault(name, {})[axis] = each.value
         mean = {name: float(np.mean(list(values.values()))) for name, values in known.items()}
         ball = self.ball
@@ -135,7 +133,7 @@ class AxisIdentification(Identification):
         given = [each.value or 0.0 for each in self.verdicts if each.word == GIVEN_VERDICT]
         height = float(np.mean(given)) - ball.radius / self.factor if given else -1.0
         if height >= 0:  # laws take no surface below the axes
-            lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as it was told"
+            lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as given"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS]
@@ -150,7 +148,7 @@ class AxisIdentification(Identification):
             lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
             lines["predictor.delay"] = dead_time
         if "lag" in mean:
-            alone = any(told.get(f"lag_{axis}") for axis in "xy")
+            alone = any(accepted.get(f"lag_{axis}") for axis in "xy")
             remark = "" if alone else "  # its sum with the dead time is known, neither by itself"
             lines["rig.plate_lag"] = f"{mean['lag']:.6g}{remark}"
             lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
@@ -179,12 +177,12 @@ def identify_axes(
     Args:
         logs: What is fitted.
         held: What is held out: other logs of the same rig, or a share of each log's time.
-        names: Parameters that are fitted beside gain, dead time, lag and level; none for friction
-            and what pays.
+        names: Parameters that are fitted in addition to gain, dead time, lag and level; none for
+            friction and each drive effect that reduces the error enough.
         factor: Share of gravity that accelerates the ball: 3/5 of a hollow one, 5/7 of a solid one;
-            None for that of the ball.
-        progress: Called with the share of the work done, and what is done next.
-        ball: That of the rig; None for the thesis's.
+            None for the share of ``ball``.
+        progress: Called with the share of the work done and the name of the next step.
+        ball: The ball of the rig; None for the thesis's ball.
         on: The rig, or file of parameters, that the parameters are to lie over.
         heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
         selection: Constants of the fit.
@@ -200,14 +198,10 @@ def identify_axes(
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
-    fits: dict[str, AxisFit] = {}
-    found: list[ParameterVerdict] = []
-    reasons = []
     first = logs[0]
     parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
     known = [part[0] for part in parts]
     others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
-    count = len(first.unit)
     joined = {
         axis: _join_logs([part[axis] for part in known], levers.get(axis), selection)
         for axis in first.unit
@@ -217,27 +211,10 @@ def identify_axes(
         if look:
             say(look.describe(axis, first.unit[axis]))
             notes += look.describe_ends(axis)
-    for k, (axis, unit) in enumerate(first.unit.items()):
-        log = joined[axis]
-
-        def advance(share: float, stage: str, k: int = k, axis: str = axis) -> None:
-            progress((k + share) / count, f"{axis}: {stage}")
-
-        try:
-            _check_excited(log)
-            fit, about = _select_model(log, names, selection, advance)
-            notes += [f"{axis}: {each}" for each in about]
-        except LogError as error:
-            reasons.append(f"{axis}: {error}")
-            lost = [
-                (_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH_PARAMETERS, "friction")
-            ]
-            found += [ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
-            continue
-        fits[axis] = fit
-        found += _assess_axis(fit, axis, unit, selection)
-        if fit.pushed:
-            notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
+    fits, found, reasons, remarks_on_fits = _fit_axes(
+        joined, first.unit, names, selection, progress
+    )
+    notes += remarks_on_fits
     if not fits:
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
@@ -247,13 +224,15 @@ def identify_axes(
         scores.append(score(tried))
     seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
     gains = {each.name.rpartition("_")[2]: each for each in found if each.name.startswith("gain_")}
-    told = (_describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad")
+    remarks = [
+        _describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad"
+    ]
     progress(1.0, "")
     return AxisIdentification(
         source=first.source,
         seconds=seconds,
         extent=f"{first.source}: {seconds:.1f} s were fitted.",
-        remarks=tuple(told),
+        remarks=tuple(remarks),
         verdicts=tuple(found),
         scores=tuple(scores),
         predictions=tried,
@@ -263,6 +242,54 @@ def identify_axes(
         on=str(on or ""),
         how=selection.fitting.hold_out,
     )
+
+
+def _fit_axes(
+    logs: Mapping[str, AxisLog],
+    units: Mapping[str, str],
+    names: tuple[str, ...],
+    selection: AxisSelection,
+    progress: Callable[[float, str], None],
+) -> tuple[dict[str, AxisFit], list[ParameterVerdict], list[str], list[str]]:
+    """Fit the plain model to each axis by itself.
+
+    Args:
+        logs: The joined logs by axis, x or y.
+        units: Unit of the command by axis.
+        names: Parameters that are fitted in addition to the smooth ones.
+        selection: Constants of the fit.
+        progress: Called with the share of the work done and the name of the next step.
+
+    Returns:
+        The fits by axis, without an axis that cannot be fitted; the verdicts of the parameters of
+        all axes; a reason for each axis without a fit; notes for the report.
+    """
+    fits: dict[str, AxisFit] = {}
+    found: list[ParameterVerdict] = []
+    reasons, notes = list[str](), list[str]()
+    for k, (axis, log) in enumerate(logs.items()):
+
+        def advance(share: float, stage: str, k: int = k, axis: str = axis) -> None:
+            progress((k + share) / len(logs), f"{axis}: {stage}")
+
+        try:
+            _check_excited(log)
+            fit, about = _select_model(log, names, selection, advance)
+        except LogError as error:
+            reasons.append(f"{axis}: {error}")
+            found += [
+                ParameterVerdict(
+                    about=_about(name, units[axis]), name=f"{name}_{axis}", why=str(error)
+                )
+                for name in (*SMOOTH_PARAMETERS, "friction")
+            ]
+            continue
+        notes += [f"{axis}: {each}" for each in about]
+        fits[axis] = fit
+        found += _assess_axis(fit, axis, units[axis], selection)
+        if fit.pushed:
+            notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
+    return fits, found, reasons, notes
 
 
 def _predict_held_out(
@@ -286,7 +313,7 @@ def _predict_held_out(
 
 
 def _describe_work(logs: Mapping[str, AxisLog], source: str) -> str:
-    """What will be fitted, and roughly how long it takes on one processor."""
+    """Describe what will be fitted, and roughly how long it takes on one processor."""
     seconds = {
         axis: float(np.ptp(log.sampled)) if len(log.sampled) else 0.0 for axis, log in logs.items()
     }
@@ -318,20 +345,21 @@ def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
         )
     share = gain.value / push
     turned = sign * share
-    told = (
+    sentence = (
         f"{axis}: {gain.value:.3g} m/s^2 per rad of command ({gain.interval}) is {share:.2f} times "
-        f"what a ball does that takes {factor:.3g} of gravity: only this product of the plate's "
-        "tilt per command and the ball's share of gravity is told, and commands are taken as "
-        "angles of the plate, whatever linkage a rig has."
+        f"the acceleration of a ball that takes {factor:.3g} of gravity: the log shows only this "
+        "product of the plate's tilt per command and the ball's share of gravity, and commands are "
+        "taken as angles of the plate, whatever linkage a rig has."
     )
     if not _is_other_scale(turned):
-        return told
+        return sentence
     assert gain.low is not None
     assert gain.high is not None
     least, most = sorted(sign * end / push for end in (gain.low, gain.high))
     return (
-        f"{told} For compare, shadow and whatif tell the command times {turned:.3g} ({least:.3g} "
-        f"to {most:.3g}; a - before its name turns the sign, a factor stands before its unit)."
+        f"{sentence} For compare, shadow and whatif, give the command times {turned:.3g} "
+        f"({least:.3g} to {most:.3g}; a - before its name turns the sign, a factor stands before "
+        "its unit)."
     )
 
 
@@ -354,7 +382,7 @@ def _join_logs(
     lever: float | None = None,
     selection: AxisSelection = AXIS_SELECTION,
 ) -> AxisLog:
-    """Logs of an axis one after another, with a pause between, and its lever in m if known."""
+    """Logs of an axis in sequence, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
@@ -413,7 +441,7 @@ def _select_model(
         notes.append("friction acts against the way of the ball along both axes")
     dead_time, lag = fit.value("dead_time"), fit.value("lag")
     least, most = delays
-    # an ideal drive and a camera whose clock is behind: dead time and lag end at zero
+    # an ideal drive and a camera with a late clock: dead time and lag end at zero
     behind = dead_time < least + 0.01 and lag < 0.02
     if behind or dead_time > most - 0.01:
         wider = (-0.5 if behind or not log.held else 0.0, 1.0)
@@ -535,16 +563,16 @@ def _assess_axis(
     low, high = own.value - own.half_width, own.value + own.half_width
     unlike = np.zeros(len(rows), bool)
     reasons: list[list[str]] = [[] for _ in rows]
-    beside = [(each, f"windows of {each.problem.longest:.1f} s") for each in fit.briefer]
+    checks = [(each, f"windows of {each.problem.longest:.1f} s") for each in fit.briefer]
     if fit.windowed:
-        beside.insert(0, (fit.windowed, "windows of one level"))
-    for other, why in beside:
-        another = _append_total_delay(other)
-        apart = np.abs(own.value - another.value)
-        unlike = apart > np.hypot(own.half_width, another.half_width)
-        low = np.where(unlike, np.minimum(low, another.value - another.half_width), low)
-        high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
-        word = f"{why} give another value, which the interval holds: a model error"
+        checks.insert(0, (fit.windowed, "windows of one level"))
+    for check, label in checks:
+        other = _append_total_delay(check)
+        apart = np.abs(own.value - other.value)
+        unlike = apart > np.hypot(own.half_width, other.half_width)
+        low = np.where(unlike, np.minimum(low, other.value - other.half_width), low)
+        high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
+        word = f"{label} give a different value, which the interval includes: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     rivals = {PLAIN_PARAMETERS[name].key: value for name, value in fit.rivals}
     for k, name in enumerate(rows):
@@ -573,8 +601,16 @@ def _assess_axis(
             if share[k] > selection.conditional_scatter_share
         ]
         values = (own.value[k], low[k], high[k])
-        told = values, ends[k], reasons[k], others * (name != "delay"), scales.get(name, 1.0)
-        verdict = _assess_parameter(_about(name, unit), f"{name}_{axis}", *told)
+        indistinct = [] if name == "delay" else others
+        verdict = _assess_parameter(
+            _about(name, unit),
+            f"{name}_{axis}",
+            values,
+            ends[k],
+            reasons[k],
+            indistinct,
+            scales.get(name, 1.0),
+        )
         verdict = _to_slew_rate(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
     found += [_bound_hidden(fit, name, axis, moved, selection) for name, moved in hidden.items()]
@@ -600,7 +636,7 @@ def _bound_hidden(
     probability, swing = selection.bound_probability, fit.problem.tilt.scale
     least, most = np.quantile(moved, (1 - probability, probability)).tolist()
     by, about = swing if name in {"dead_band", "play"} else 1.0, PLAIN_PARAMETERS[name]
-    none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
+    none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not distinguishable from zero")
     if (value := dict(fit.rivals).get(name)) is not None:
         most = max(most, (1 + about.relative) * value)
         why = f"it explains the log nearly as well as the fitted effect; {about.experiment}"
@@ -618,7 +654,7 @@ def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
 
 
 def _append_total_delay(fit: AxisFit) -> Estimate:
-    """The parameters and, last, dead time and lag together, told where neither of them is."""
+    """The parameters and, last, the sum of dead time and lag: often known where neither is."""
     own = fit.estimate()
     if "lag" not in fit.problem.names:
         return own
@@ -663,13 +699,15 @@ def _assess_parameter(
     nothing = name.startswith("gain") and low <= 0 <= high
     why = list(reasons)
     if value < least + slack and least == 0:
-        why.append(f"not told from none; {about.experiment}")
+        why.append(f"not distinguishable from zero; {about.experiment}")
     elif at_bound:
         why.append(f"at its bound of {value:.3g}; {about.experiment}")
     if nothing:
-        why.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
+        why.append(
+            f"not distinguishable from zero: a wrong column, exchanged axes, or {about.experiment}"
+        )
     elif alike and not narrow:
-        why.append(f"told together with {' and '.join(alike)} only")
+        why.append(f"known only together with {' and '.join(alike)}")
     elif not at_bound and not narrow:
         why.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most

@@ -68,7 +68,7 @@ WEAK_FORM = WeakForm()
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What a first look finds of an axis.
+    """Result of a first look at an axis.
 
     Attributes:
         gain: Acceleration of the ball by the tilt, in m/s^2 by its unit.
@@ -162,7 +162,7 @@ def look_first(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
         found = np.linalg.lstsq(columns[kept], left[kept], rcond=1e-9)[0]
         off = np.abs(columns @ found - left)
         kept = off < how.outlier_ratio * 1.4826 * float(np.median(off[kept]))
-    # windows overlap: as many are independent as fit one after another
+    # windows overlap: as many are independent as fit end to end
     independent = kept.sum() * max(1, half // 4) / half
     scatter = float((off[kept] ** 2).mean())
     # an end stop holds the ball against the tilt; where it only turns, the tilt pushes it back

@@ -93,8 +93,9 @@ def estimate(
     Wild score bootstrap (Kline and Santos): in each draw every window's score, its share of the
     slope of the cost, gets a random weight, and the fit follows to first order. Scores are those of
     the fit without the window (leave one out), which keeps the intervals from being too narrow
-    where a few windows decide. The degrees of freedom are those of Satterthwaite: the windows, as
-    many as there were if all told as much of a parameter, at most windows less parameters.
+    where a few windows decide. The degrees of freedom are those of Satterthwaite: the number
+    of windows that would carry the same information if all carried equally much, at most windows
+    less parameters.
 
     Args:
         value: The fit, shape (P,).
@@ -121,10 +122,10 @@ def estimate(
     weights = np.random.default_rng(0).choice(
         _BOOTSTRAP_WEIGHTS.ravel(), (bootstrap.draws, len(score))
     )
-    told = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
-    alike = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
+    carried = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
+    effective = carried.sum(axis=0) ** 2 / np.maximum((carried**2).sum(axis=0), 1e-300)
     known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))
-    freedom = np.minimum(alike, len(score) - len(value))
+    freedom = np.minimum(effective, len(score) - len(value))
     draws = value + weights @ shares
     return Estimate(value, draws, identifiable, freedom, known, bootstrap.coverage)
 
@@ -139,7 +140,7 @@ def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> A
 
 START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 """Steps of finite differences of the ball's start: m and m/s."""
-# A weak prior of the ball's start (m, m/s), for windows whose samples do not determine it.
+# A weak prior of the ball's start (m, m/s), for windows with too few samples to determine it.
 START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
 
 
@@ -167,12 +168,12 @@ class Linearisation(NamedTuple):
         return Linearisation(parts[0], parts[1], parts[2], self.prior)
 
     def take(self, which: Mask) -> Linearisation:
-        """That of some of the windows."""
+        """Linearisation of a selection of the windows."""
         r, by_start, by_parameter = (part[:, which] for part in self[:3])
         return Linearisation(r, by_start, by_parameter, self.prior)
 
     def select(self, candidates: NDArray[np.intp]) -> Linearisation:
-        """That of some of the candidates."""
+        """Linearisation of a selection of the candidates."""
         r, by_start, by_parameter = (part[candidates] for part in self[:3])
         return Linearisation(r, by_start, by_parameter, self.prior)
 
@@ -273,7 +274,7 @@ Windows_co = TypeVar("Windows_co", bound=SampleWindows, covariant=True)
 
 @dataclass(frozen=True)
 class FitProblem(Generic[Windows_co]):
-    """What a fit of windows minimises.
+    """Least-squares problem of a fit of windows.
 
     Attributes:
         windows: The samples.
@@ -310,7 +311,7 @@ class FitProblem(Generic[Windows_co]):
 
     @property
     def known(self) -> tuple[Array, Array]:
-        """What is believed of the parameters before: mean and precision, shapes (P,)."""
+        """Prior of the parameters: mean and precision, shapes (P,)."""
         about = [self.about[name] for name in self.names]
         return np.array([e.start for e in about]), np.array([e.spread**-2.0 for e in about])
 
@@ -319,7 +320,7 @@ class FitProblem(Generic[Windows_co]):
         raise NotImplementedError
 
     def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
-        """What the samples would be, in m, and how fast they change, (C, W, ...) like the samples.
+        """Predicted samples in m, and their rates, (C, W, ...) like the samples.
 
         The rate is used only where dead time has no finite difference.
         """
@@ -375,13 +376,13 @@ class FitProblem(Generic[Windows_co]):
         return np.asarray((r**2).sum(axis=-1) / self.windows.size)
 
     def costs(self, r: Array) -> Array:
-        """What each window costs: robust against such that cannot be explained, shape (C, W)."""
+        """Cost of each window: robust against those that cannot be explained, shape (C, W)."""
         misfit = self.misfit(r) / self.tolerated_misfit
         each = np.log1p(misfit) if self.grows else misfit / (1 + misfit)
         return np.asarray(self.windows.size * self.tolerated_misfit * each)
 
     def cost(self, r: Array) -> Array:
-        """What a fit minimises, shape (C,)."""
+        """Cost that a fit minimises, shape (C,)."""
         return np.asarray(self.costs(r).sum(axis=-1))
 
     def weights(self, r: Array) -> Array:
@@ -443,7 +444,7 @@ class Termination:
 
 
 class Minimum(NamedTuple):
-    """What a minimisation of C candidates found.
+    """Result of a minimisation of C candidates.
 
     Attributes:
         theta: Parameters, shape (C, P).
@@ -479,7 +480,7 @@ def fit_starts(
 ) -> Array:
     """The best starts for fixed parameters, by damped Gauss-Newton steps, shape (4, C, W).
 
-    Windows share nothing, so one whose starts suit it is not replayed again.
+    Windows share nothing, so a window with converged starts is not replayed again.
 
     Args:
         problem: What is fitted.

@@ -1,6 +1,6 @@
 """Reads logs: runs and files with columns of known names, and files of any rig with any columns.
 
-A column of any rig is told as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the
+A column of any rig is given as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the
 third, ``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
 """
 
@@ -37,7 +37,7 @@ RATE_COLUMNS = ("applied_phi_rate", "applied_theta_rate")
 LOG_COLUMN_UNITS = {
     name: COLUMN_UNITS[name] for name in (*NEEDED_COLUMNS, *MORE_COLUMNS)
 } | dict.fromkeys(RATE_COLUMNS, "rad/s")
-"""What is read of a run or a log, and its SI unit; it may have more columns."""
+"""Columns that are read from a run or a log, and their SI units; it may have more."""
 
 MECHANISM_LAG = 0.0025
 """Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
@@ -81,7 +81,7 @@ class Log:
     scenario: Mapping[str, Any] = field(default_factory=dict)
 
     def with_ball(self, factor: float) -> Log:
-        """That of another ball, by the share of gravity that accelerates it.
+        """This log with a different ball, given by the share of gravity that accelerates it.
 
         Raises:
             LogError: If it is a run, which knows its ball.
@@ -93,7 +93,7 @@ class Log:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Its columns by their names in ``COLUMNS``, shape (K,) each."""
+        """Its columns by their names in ``LOG_COLUMN_UNITS``, shape (K,) each."""
         pairs = {
             NEEDED_COLUMNS[1::2]: self.ball,
             NEEDED_COLUMNS[2::2]: self.plate,
@@ -116,7 +116,7 @@ def read(path: Path) -> Log:
     """Read a log: a run folder, a Parquet file or a CSV file.
 
     Raises:
-        LogError: If the file cannot be read, lacks a column, or holds another unit or no numbers.
+        LogError: If the file cannot be read, lacks a column, or has a wrong unit or no numbers.
     """
     path = log_file(path)
     run = path.resolve().parent.name
@@ -143,8 +143,8 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
     """A log of columns in SI units.
 
     Args:
-        columns: Of ``COLUMNS``, shape (K,) each; those that are required are there.
-        metadata: Of the run, with its scenario; empty for another log.
+        columns: Of ``LOG_COLUMN_UNITS``, shape (K,) each; those that are required are there.
+        metadata: Of the run, with its scenario; empty for a log that is no run.
         source: What the log is called.
 
     Raises:
@@ -169,7 +169,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
     try:
         rig = _rig(metadata)
     except (AttributeError, TypeError, ValueError):
-        raise LogError(f"{source}: its metadata is not that of a run") from None
+        raise LogError(f"{source}: its metadata is not of a run") from None
     return Log(
         source=source,
         time=time,
@@ -185,7 +185,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
 
 
 def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
-    """What a run's metadata say of its ball and, if it was simulated, of its plant."""
+    """The ball in a run's metadata and, if it was simulated, the plant."""
     scenario = metadata.get("scenario", {})
     plant = scenario.get("plant", {})
     period = float(scenario.get("rig", {}).get("period", 0.0))
@@ -199,7 +199,7 @@ def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
 
 
 def rig_of(scenario: Mapping[str, Any]) -> str:
-    """Name of the shipped rig whose plate and ball a run had; empty for none of them."""
+    """Name of the shipped rig with the plate and ball of a run; empty if there is none."""
     plant = scenario.get("plant", {})
     for name, path in shipped_in("rigs").items():
         own = read_tables(path, name)["plant"]
@@ -220,13 +220,13 @@ ROLE_UNITS = {
     "age": "s",
     "touched": "1",
 }
-"""What a column may be, and its SI unit."""
+"""Roles of columns, and their SI units."""
 ROLE_ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
-"""Other words for it: the command that moves the ball along x is that of phi."""
+"""Other names of a role: the command of phi moves the ball along x."""
 AXIS_COLUMNS = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
 COUNT_UNITS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
-"""Units of a command beside angles."""
+"""Units of a command other than angles."""
 GRAVITY_SHARES = {"hollow": 3 / 5, "solid": 5 / 7}
 """Share of gravity that accelerates a ball which rolls."""
 BALL_HEIGHT_RANGE_M = -0.3, 0.5
@@ -243,10 +243,12 @@ BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
 BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 
 
+MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
+"""Distance in m from the middle of its positions that a ball on a plate comes to."""
 MAX_COMMAND_GAP_S = 0.5
 """Time in s without a row over which nothing is known of the command."""
 FEW_ODD_ROWS = 0.02
-"""Share of rows with another number of cells up to which they are damaged ones."""
+"""Up to this share of rows, a row with a different number of cells counts as damaged."""
 SPEED_WINDOW_S = 0.2
 """Time in s over which a speed is seen."""
 REST_SPEED_M_S = 0.005
@@ -261,7 +263,7 @@ class ColumnWanted:
 
     Attributes:
         name: In the header, or its number from 1 on.
-        unit: As it was told; empty for that of the header or SI.
+        unit: As given; empty for the unit of the header, or SI if that has none.
         sign: 1 or -1.
     """
 
@@ -295,11 +297,11 @@ class AxisLog:
     lever: float | None = field(default=None, kw_only=True)
 
     def between(self, begin: float, end: float) -> AxisLog:
-        """That with the samples between two times in s."""
+        """This log with only the samples between two times in s."""
         return self._where((self.sampled >= begin) & (self.sampled < end))
 
     def without(self, begin: Array, seconds: float) -> AxisLog:
-        """That without the samples of so many seconds from each of some times in s on."""
+        """This log without the samples of so many seconds from each of some times in s on."""
         since = self.sampled - begin[:, None]
         return self._where(np.asarray(((since < 0) | (since >= seconds)).all(axis=0)))
 
@@ -355,7 +357,7 @@ class AnyLog:
             if far > half[k]:
                 raise LogError(
                     f"{self.source}: {AXIS_COLUMNS[axis][0]}: reaches {far:.3g} m, the plate ends "
-                    f"at {half[k]:.3g} m: another unit, or another rig (--on, plant.size)"
+                    f"at {half[k]:.3g} m: a wrong unit, or a different rig (--on, plant.size)"
                 )
             ball[:, k] = own.ball[newest]
             if own.held:
@@ -364,7 +366,7 @@ class AnyLog:
                 stay = math.exp(-2 * math.pi * corner * period) if corner else 0.0
                 behind = lfilter([1 - stay], [1, -stay], sent, zi=[stay * sent[0]])[0]
                 plate[:, k] = (1 + scenario.rig.cam_error_percent[k] / 100) * behind
-                # a drive that is told rates gets from one command to the next in their time
+                # a drive with rate commands takes the time between two commands for the way between
                 count = max(1, round(float(np.median(np.diff(own.time))) / period))
                 asked = lfilter(np.full(count, 1 / count), [1.0], sent - sent[0])
             else:
@@ -427,7 +429,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     """Read the wanted columns from a list ``role=name:unit,...``.
 
     Raises:
-        LogError: If a role is unknown, told twice, or one that is needed is missing.
+        LogError: If a role is unknown, given twice, or required and missing.
     """
     found: dict[str, ColumnWanted] = {}
     for part in filter(None, (each.strip() for each in text.split(","))):
@@ -438,7 +440,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
                 f"--columns: '{part}': give ROLE=NAME:UNIT, role one of {', '.join(ROLE_UNITS)}"
             )
         if role in found:
-            raise LogError(f"--columns: {role}: told twice")
+            raise LogError(f"--columns: {role}: given twice")
         sign = -1.0 if name.startswith("-") and len(name) > 1 else 1.0
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
@@ -487,7 +489,7 @@ def read_any(
 
     Args:
         path: A text file with columns, with or without a header, or a file of one of
-            ``foreign_logs.READERS``.
+            ``foreign_logs.READERS_BY_KIND``.
         wanted: Role to column.
         separator: Between columns of text; None to find it.
 
@@ -530,7 +532,7 @@ def with_unit(name: str, unit: str | None) -> str:
 
 
 def open_content(path: Path) -> ForeignTable | str:
-    """The table of a file of one of ``foreign_logs.READERS``, or else its text.
+    """The table of a file of one of ``foreign_logs.READERS_BY_KIND``, or else its text.
 
     Raises:
         TwinError: If it cannot be read.
@@ -689,15 +691,13 @@ def _split_columns(
             "name for each, or take it out and give numbers of columns"
         )
     odd = counts != usual
-    if odd.sum() > FEW_ODD_ROWS * len(
-        odd
-    ):  # then it is how this program writes what it does not know
+    if odd.sum() > FEW_ODD_ROWS * len(odd):  # then the writing program pads rows like this
         odd[1:-1] = False
         odd &= counts < usual
     notes = []
     if odd.any():
-        cut = "the first one" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
-        notes.append(f"{cut} of another number of cells than the {usual} of the others left out")
+        cut = "the first row" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
+        notes.append(f"{cut} left out: not the usual {usual} cells")
     kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
     width = max(usual, named)
     columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
@@ -705,10 +705,10 @@ def _split_columns(
 
 
 def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
-    """What splits a line into cells: by the separator that most lines have equally often.
+    """Function that splits a line into cells: by the separator that most lines have equally often.
 
     Raises:
-        LogError: If the separator that is told is none.
+        LogError: If the given separator does not separate the columns.
     """
     if separator is None:
         some = lines[len(lines) // 2 :][:50]
@@ -822,7 +822,7 @@ def _clean_log(
     there = np.isfinite(time)
     time = time[there] - time[there][:1]
     back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
-    for row in back:  # a clock that begins anew: another part, after a gap
+    for row in back:  # a clock that begins anew: a new part, after a gap
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     if len(back):
@@ -844,21 +844,33 @@ def _clean_log(
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
-    far = float(np.nanpercentile(np.abs(ball - np.nanmedian(ball, axis=0)), 99))
-    if not 1e-3 < far < 3.0:
+    middle = np.nanmedian(ball, axis=0)
+    far = float(np.nanpercentile(np.abs(ball - middle), 99))
+    # on a plate, and hardly moved from there: no other unit makes a moving ball of it
+    resting = far < MIN_MOTION_M < np.abs(middle).max() < MAX_MOTION_M
+    if far == 0 or resting:
+        raise LogError(
+            f"{source}: the ball does not move: it stays within {far:.3g} m of one place, and must "
+            f"roll for {MIN_MOTION_M:g} m at least"
+        )
+    if not MIN_MOTION_M < far < MAX_MOTION_M:
+        either = "the ball hardly moves, or " if far <= MIN_MOTION_M else ""
         raise LogError(
             f"{source}: the ball's positions lie within {far:.3g} m of their middle, a plate's "
-            "within 0.001 to 3 m: tell the unit, as measured_x=NAME:mm"
+            f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}tell the unit, as "
+            "measured_x=NAME:mm"
         )
     seen &= np.isfinite(ball).all(axis=-1)
     false = _find_false_samples(ball, seen)
     if false.any():
-        notes.append(f"{int(false.sum())} ball positions left out: held, or far off those beside")
+        notes.append(
+            f"{int(false.sum())} ball positions left out: held, or far off their neighbours"
+        )
     shown = np.flatnonzero(seen & ~false)
     if len(shown) < 10:
         raise LogError(f"{source}: the ball is seen in {len(shown)} rows; too few to identify")
     shown = shown[np.argsort(sampled[shown], kind="stable")]
-    # rows of one frame, told by its age, are one sample
+    # rows of one frame, recognised by its age, are one sample
     shown = shown[np.diff(sampled[shown], prepend=-np.inf) > min(step / 2, 1e-4)]
     axes, tilts = {}, {}
     seen_along = {
@@ -885,10 +897,10 @@ def _speed(time: Array, place: Array) -> Array:
 
 
 def _find_false_samples(ball: Array, seen: Mask) -> Mask:
-    """Samples that are held from before or of no ball, shape (K,).
+    """Samples that repeat an earlier one or show no ball, shape (K,).
 
-    A reading that comes again and again beside a jump is a value held where nothing was seen; a
-    ball at rest does not jump. Single ones are told by the median of their neighbours.
+    A reading that repeats before or after a jump is a value held while no ball was detected; a
+    ball at rest does not jump. Single false ones are found by the median of their neighbours.
     """
     false = np.zeros_like(seen)
     at = np.flatnonzero(seen)

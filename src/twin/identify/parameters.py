@@ -14,7 +14,7 @@ _UNIT_FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
 
 @dataclass(frozen=True)
 class IdentifiedParameter:
-    """One parameter that a log may show. All values but that of the key are in SI units.
+    """One parameter that a log may show. All values are in SI units, only ``key`` has its own unit.
 
     Attributes:
         key: The scenario key that takes it.
@@ -46,7 +46,7 @@ class IdentifiedParameter:
 
     @property
     def factor(self) -> float:
-        """From the SI number to that of the key."""
+        """Factor from the SI value to the unit of the key."""
         return _UNIT_FACTORS.get(self.unit, 1.0)
 
 

@@ -1,4 +1,4 @@
-"""The plain model of any rig's axis, fitted to simulated windows whose beginnings are free.
+"""The plain model of any rig's axis, fitted to simulated windows with free initial states.
 
     x'' = gain (u - lever u''/g) + level + camber x - viscous x' - friction sign(x')
 
@@ -85,7 +85,7 @@ class AxisSearch:
         first_window_s: Length of the windows of the first fit, which converges from any guess.
         disturbed_residual_ratio: Residual of such a window over the usual one above which a hand,
             the rim or a false sample disturbed it: no longer window contains it.
-        outlier_ratio: Residual of a sample over that of its window above which it is left out.
+        outlier_ratio: Residual of a sample over its window's residual above which it is left out.
         control: Constants of the minimisations.
     """
 
@@ -115,9 +115,9 @@ class DriveSearch:
         dead_band_residual_share: A dead band is fitted if its regression leaves no more than this
             share of what an ideal drive leaves.
         fitted_dead_bands: Number of dead bands with the smallest residuals that are fitted.
-        white_share: Scatter of successive residuals, as a share of that of white ones, above which
-            the residuals are white. It exceeds ``accepted_residual_share``: no drive effect would
-            then be accepted.
+        white_share: The residuals count as white if the scatter of successive ones, over the
+            scatter of white ones, is above this. It exceeds ``accepted_residual_share``: no drive
+            effect would then be accepted.
         scan_windows: Number of windows by which values of a profile are rejected in advance.
         bracket_rise: Smallest rise of the cost in any draw at which the profile of a fit with white
             residuals ends: twice the largest difference of Gumbel numbers of a lever.
@@ -146,7 +146,7 @@ class PredictionFit:
 
     Attributes:
         level_history_s: Length of the samples from which a followed level is estimated.
-        level_std_m_s2: Standard deviation of a followed level from that of the fit.
+        level_std_m_s2: Standard deviation of a followed level about the level of the fit.
         huber_error_m: Error of a prediction above which its cost is linear, not quadratic.
         max_delay_and_lag_s: Largest dead time and lag of this fit.
         initial_values: First guesses of this fit, next to those of a fit to windows.
@@ -241,7 +241,7 @@ class AxisProblem(FitProblem[SampleWindows]):
         Args:
             theta: Parameters, shape (C, P) or (C, W, P), in which case dead time and lag of a
                 candidate are those of its first window.
-            starts: Position, velocity and, where the level is followed, what it is off.
+            starts: Position, velocity and, where the level is followed, its deviation.
         """
         each = theta if theta.ndim > 2 else theta[:, None]
         values = {name: each[..., k] for k, name in enumerate(self.names)}
@@ -252,8 +252,9 @@ class AxisProblem(FitProblem[SampleWindows]):
         h = self.step
         steps = int(np.ceil(self.longest / h)) + 1
         grid = self.windows.begin + h * np.arange(steps)[:, None]
-        told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *PROFILED_EFFECTS))
-        kinds, which = np.unique(np.stack(tuple(told), axis=-1), axis=0, return_inverse=True)
+        names = ("dead_time", "lag", *PROFILED_EFFECTS)
+        drives = np.stack([values.get(name, zero)[:, 0] for name in names], axis=-1)
+        kinds, which = np.unique(drives, axis=0, return_inverse=True)
         tilted = np.empty((steps - 1, len(kinds), len(self.windows)))
         for k, (delay, *each) in enumerate(kinds.tolist()):
             covered = self.tilt.integrate(grid - delay, *each)
@@ -263,7 +264,7 @@ class AxisProblem(FitProblem[SampleWindows]):
             across = np.interp(grid, *self.tilt.log.across)
         off_level = starts[2] if len(starts) > 2 else np.zeros_like(starts[0])
         out = np.empty((steps, *starts.shape[1:]))
-        # blocks of candidates whose arrays stay in the processor's cache
+        # blocks of candidates so small that their arrays stay in the processor's cache
         size = max(1, BLOCK_LANES // len(self.windows))
         for first in range(0, len(theta), size):
             part = slice(first, first + size)
@@ -290,7 +291,7 @@ class AxisProblem(FitProblem[SampleWindows]):
         found = super().linearise(theta, starts, slopes=slopes)
         if not self.drift:
             return found
-        # one value more: how far the window's own level is off that of all
+        # one value more: the difference of the window's own level from the common level
         r = np.concatenate((found.r, starts[2][..., None] / self.drift), axis=-1)
         room = [*[(0, 0)] * 2, (0, 1), (0, 0)]
         by_start = np.pad(found.by_start, room)
@@ -363,7 +364,7 @@ def _turn(at: NDArray[np.intp], v: Array, free: Array, most: Array, after: Array
     Friction acts against the old direction, then against the new one.
 
     Args:
-        at: The balls whose velocity changes its sign or is zero.
+        at: The balls with a velocity that changes its sign or is zero.
         v: Velocities before in m/s, shape (C, W).
         free: After the step without friction, same shape.
         most: Largest change by friction in m/s, same shape.
@@ -394,7 +395,7 @@ def _rub_aslant(v: Array, free: Array, most: Array, across: Array, after: Array)
 
 @dataclass(frozen=True)
 class Profile:
-    """Fits with a parameter held at one value after another.
+    """Fits with a parameter held at each of several values.
 
     Attributes:
         name: The parameter.
@@ -438,7 +439,7 @@ class Profile:
         return np.asarray(near > 0)
 
     def join(self, other: Profile) -> Profile:
-        """That of the values of both."""
+        """Profile over the values of both."""
         theta = np.concatenate((self.theta, other.theta))
         order = np.argsort(theta[:, self.names.index(self.name)])
         costs = np.concatenate((self.costs, other.costs))[order]
@@ -472,8 +473,8 @@ class Profile:
 def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile:
     """Fits with a parameter at each of K rising values, begun from one fit.
 
-    Those of a lever behind a lag are begun from those beside as well, and the better taken: a ball
-    that sticks for a moment has many a minimum.
+    A fit of a lever with a lag is also begun from the fits at the neighbouring values, and the best
+    one is kept: a ball that sticks for a moment has many local minima.
     """
     names = tuple(dict.fromkeys((*fit.problem.names, name)))
     problem, at, K = replace(fit.problem, names=names), names.index(name), len(values)  # noqa: N806
@@ -481,8 +482,8 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
     starts, costs = fit.found.starts.repeat(K, axis=1), np.full((K, 1), np.inf)
     own = int(np.abs(np.subtract(values, theta[0, at])).argmin())
     hides = name == "lever" and "lag" in names
-    for beside in (0, 1, -1)[: 3 if hides else 1]:
-        source = np.clip(np.arange(K) + beside, 0, K - 1)
+    for offset in (0, 1, -1) if hides else (0,):
+        source = np.clip(np.arange(K) + offset, 0, K - 1)
         guess = theta[source]
         guess[:, at] = values
         if hides:  # to second order lag^2 / 2 - lever / g shows, and the sum of lag and dead time
@@ -640,8 +641,8 @@ class AxisFit(Fit[AxisProblem]):
     def explained(self) -> bool:
         """Whether the residuals are as white as noise, so that no other model leaves much less.
 
-        The scatter of differences of successive residuals, over the square root of two, is that of
-        the residuals themselves if they are white, and smaller if a motion is left in them.
+        The scatter of differences of successive residuals, over the square root of two, equals the
+        scatter of the residuals if they are white, and is smaller if a motion is left in them.
         """
         rows = zip(self.found.linearisation.r[0], self.problem.windows.weight[..., 0], strict=True)
         each = [row[: len(weight)][weight > 0] / weight[weight > 0] for row, weight in rows]
@@ -652,7 +653,7 @@ class AxisFit(Fit[AxisProblem]):
         return change > self.how.drives.white_share * size
 
     def take(self, which: Mask) -> AxisFit:
-        """That of some of the windows, with the same parameters."""
+        """Fit of a selection of the windows, with the same parameters."""
         problem = replace(self.problem, windows=self.problem.windows.take(which))
         found = self.found._replace(
             starts=self.found.starts[:, :, which],

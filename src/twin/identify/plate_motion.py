@@ -1,4 +1,4 @@
-"""What the plate does in a log: how its drives lag, what play they have, if the ball goes by it."""
+"""Plate motion in a log: lag and play of the drives, and whether the ball follows the plate."""
 
 from __future__ import annotations
 
@@ -99,9 +99,9 @@ def fit_drives(log: PreparedLog) -> Drives | None:
 
     What else lies between motor and plate shows in the same band and is fitted along: elasticity,
     which lets the plate of either axis lead by its acceleration over the square of the resonance,
-    and play. Where the drives are of another kind, the lag differs with the length of the pieces:
-    that is taken for a standard deviation, and the interval holds it, too. So is the delay of a
-    damped resonance, see ``_resonance_delay``.
+    and play. Where the drives follow a different law, the lag depends on the length of the
+    pieces: this difference is taken for a standard deviation and added to the interval, as is the
+    delay of a damped resonance, see ``_resonance_delay``.
     """
     lengths = [round(each / log.period) for each in (CHUNK_S, *OTHER_CHUNKS_S)]
     segments = [s for s in log.segments if s.command is not None and len(s.time) >= max(lengths)]
@@ -120,8 +120,8 @@ def _resonance_delay(log: PreparedLog, segments: list[Segment], value: Array) ->
     """Delay in s that the damping of the resonance may add to the lag; the model has none.
 
     A mode at w0 that delays slow motion by T delays motion at w by T (1 + w^2 / w0^2) to second
-    order. The lag is shown in proportion to the squared rate, so the mean of w^2 is that of the
-    squared acceleration over that of the squared rate. The larger of both axes counts.
+    order. The lag is shown in proportion to the squared rate, so the mean of w^2 is the mean
+    squared acceleration over the mean squared rate. The larger of both axes counts.
 
     Args:
         log: With the delay T of the twin's own drives, ``own_lag``.
@@ -263,7 +263,7 @@ def _check_command(log: PreparedLog) -> None:
         over += (commanded * moved).sum(axis=(0, 1))
         under += (commanded**2).sum(axis=(0, 1))
     for name, far, whole in zip(("phi", "theta"), over, under, strict=True):
-        # a plate that hardly moves says nothing
+        # a plate that hardly moves shows nothing
         if whole * log.period / log.length >= 1e-8 and not 0.4 < far / whole < 2.5:
             raise LogError(
                 f"{log.source}: measured_{name} moves {far / whole:.2g} times as far as the "
@@ -331,9 +331,9 @@ class LostMotion:
         axis: ``phi`` or ``theta``.
         width: Of the loop along the motor's angle: twice what is lost to each side.
         spread: By how much the cycles differ, largest width less smallest.
-        shape: Its corners: ``flat``, ``round``, ``either`` if they cannot be told, or ``none``.
-        left: What the best loop of each shape leaves, root mean square.
-        gain: Plate angle per motor angle beside the loop, 1 where the cam table is right.
+        shape: Its corners: ``flat``, ``round``, ``either`` if both fit, or ``none``.
+        left: Residual of the best loop of each shape, root mean square.
+        gain: Plate angle per motor angle outside the loop, 1 where the cam table is right.
     """
 
     axis: str
@@ -356,7 +356,7 @@ class LostMotion:
             "flat": "flat corners: play, or dry friction in the plate's joint; motor torque, which "
             "jumps at a reversal by friction alone, tells them apart",
             "round": "round corners: hysteresis of elastic parts",
-            "either": "the corners cannot be told",
+            "either": "flat and round corners fit equally well",
         }[self.shape]
         known = f"{self.width:.3f} deg ({self.spread:.3f} between cycles)"
         return f"lost motion of {known}, {self.width / 2:.3f} to each side; {corners}"
@@ -391,7 +391,7 @@ def lost_motion(axis: str, motor: Array, plate: Array, cycles: int) -> LostMotio
         motor: Motor angle as plate angle, by the cam table, in rad, evenly in time over a quarter
             of a cycle and then whole ones, shape (K,).
         plate: Angle of the plate's encoder in rad, shape (K,).
-        cycles: Whole cycles, 2 or more: the first closes the loop and is not judged.
+        cycles: Whole cycles, 2 or more: the first closes the loop and is left out.
 
     Raises:
         LogError: If the motor or the plate did not move.
@@ -428,7 +428,7 @@ def lost_motion(axis: str, motor: Array, plate: Array, cycles: int) -> LostMotio
 def _best_loop(
     shape: str, s: Array, p: Array, before: Array, travel: float
 ) -> tuple[float, float, float]:
-    """Width in deg, what it leaves in deg rms, and gain, by three ever finer grids."""
+    """Width in deg, residual in deg rms, and gain, by three ever finer grids."""
     middle, reach = travel / 4, travel / 4
     for _ in range(3):
         widths = np.clip(np.linspace(middle - reach, middle + reach, 41), 0, None)
@@ -439,7 +439,7 @@ def _best_loop(
 
 
 def _left_by(shape: str, widths: Array, s: Array, p: Array, before: Array) -> tuple[Array, Array]:
-    """What loops of some widths leave, in deg rms, and their gains, shapes (widths,).
+    """Residuals of loops of some widths, in deg rms, and their gains, shapes (widths,).
 
     Offset and gain are fitted. What was before brings the loop to where it is.
     """
@@ -448,6 +448,6 @@ def _left_by(shape: str, widths: Array, s: Array, p: Array, before: Array) -> tu
     moved = np.cumsum([part.follow(np.full((1, 2), turn))[:, 0] for turn in turns], axis=0)
     followed = np.where(part.acts[:, 0], moved, np.cumsum(turns)[:, None])[len(before) :]
     followed = followed - followed.mean(axis=0)
-    judged = (p - p.mean())[:, None]
-    gains = (followed * judged).sum(axis=0) / np.maximum((followed**2).sum(axis=0), 1e-12)
-    return np.sqrt(((judged - gains * followed) ** 2).mean(axis=0)), gains
+    measured = (p - p.mean())[:, None]
+    gains = (followed * measured).sum(axis=0) / np.maximum((followed**2).sum(axis=0), 1e-12)
+    return np.sqrt(((measured - gains * followed) ** 2).mean(axis=0)), gains

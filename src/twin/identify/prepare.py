@@ -32,16 +32,17 @@ def check_ranges(log: Log) -> None:
 
 
 SPEED_INTERVAL_S = 0.02
-"""Seconds between the speeds before a replay that it is told of."""
+"""Time in s between the measured speeds that a replay gets from before its beginning."""
 REST_SPEED_M_S, ROLL_SPEED_M_S = 0.004, 0.008
 """Measured speeds in m/s below which the ball rests and above which it rolls."""
 SPEED_SPAN = 0.3
 """Time in s over which the speed is measured, and shortest rest."""
 MIN_CREEP_M = 6e-4
-"""Way in m from the first to the last third of a rest from which on it is none: some times the
+"""Way in m from the first to the last third of a rest above which the ball creeps: some times the
 noise of these means."""
 MAX_EARLIER_SPEEDS = 200
-"""Measured speeds before a replay that it is told of: of some seconds, as long as contacts age."""
+"""Number of measured speeds that a replay gets from before its beginning: some seconds, the time
+for which contacts age."""
 
 
 def speed(time: Array, ball: Array) -> Array:

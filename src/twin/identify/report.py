@@ -1,4 +1,4 @@
-"""What is written of an identification: the HTML report with its figures, and a parameter file."""
+"""Writes an identification: the HTML report with its figures, and a parameter file."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ TABLE_HEADINGS = ("parameter", "value", "95 % interval", "unit", "verdict")
 BASELINE_NAMES = {"stays": "a ball that stays", "goes on": "one that goes on at its velocity"}
 LEVEL_FOLLOWED = "level followed"
 WORSE_SHARE = 0.02
-"""Share by which a model may be worse than a baseline before it is said."""
+"""Share by which a model may be worse than a baseline before the report mentions it."""
 
 
 def sentences(found: Identification) -> list[str]:
     """The verdict in words: what the model predicts, then what is known of its parameters."""
     words = list(_describe_scores(found))
-    for said, among in (
+    for heading, among in (
         ("Identified", (IDENTIFIED_VERDICT,)),
         (
             "Best fit only, as the log rejects the model: no error is known",
             (REJECTED_VERDICT,),
         ),
         ("Not identified from this log", (BOUNDED_VERDICT, NOT_IDENTIFIABLE)),
-        ("Held as it was told, not fitted", (GIVEN_VERDICT,)),
+        ("Held at its given value, not fitted", (GIVEN_VERDICT,)),
     ):
         labels = [each.label for each in found.verdicts if each.word in among]
         names = [each.removeprefix("plant.").removeprefix("sensors.") for each in labels]
         if names:
-            words.append(f"{said}: {', '.join(names)}.")
+            words.append(f"{heading}: {', '.join(names)}.")
     return [*words, *found.remarks]
 
 
@@ -57,7 +57,7 @@ def _describe_scores(found: Identification) -> Iterator[str]:
     for each in found.scores:
         name = "both axes together" if len(each.axes) > 1 else each.axes
         if not each.windows:
-            yield f"Of what was held out, {name}: the ball moves nowhere: nothing can be judged."
+            yield f"Held-out part, {name}: the ball moves nowhere, so no error can be given."
             continue
         off = {who: 1000 * each.median[who][ahead] for who in each.median}
         level = (
@@ -97,7 +97,7 @@ def _name_lost_horizons(score: PredictionScore, who: str, how: HoldOutPrediction
 
 
 def _held_out(found: Identification) -> list[Block]:
-    """What was held out, as a table and in pictures."""
+    """The held-out part, as a table and in pictures."""
     if not found.scores:
         return []
     heads = ["axes", "by"]

@@ -1,4 +1,4 @@
-"""What a log of an unknown program holds, and which of its columns may have which role."""
+"""Surveys a log of an unknown program: its columns, and the roles that they may have."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class SurveyedColumn:
 
     Attributes:
         name: Its name, or its number in a text without a header.
-        unit: That of the header or the file; empty if it has none.
+        unit: Unit in the header or the file; empty if it has none.
         values: Its numbers, NaN where there is none, shape (K,).
         clock: Times in s of its own, shape (K,); None if it has none.
     """
@@ -96,7 +96,7 @@ class RoleGuess:
     Attributes:
         role: One of ``ROLE_UNITS``.
         column: Its name.
-        unit: Its unit; empty for that of the header, or SI.
+        unit: Its unit; empty for the unit of the header, or SI if that has none.
         why: The reason, in words.
     """
 
@@ -113,7 +113,7 @@ class RoleGuess:
 
 @dataclass(frozen=True)
 class Survey:
-    """What a log holds.
+    """The content of a log.
 
     Attributes:
         path: The file.
@@ -203,19 +203,19 @@ def _describe_times(name: str, time: Array) -> list[str]:
     if not len(rising):
         return [f"{name}: does not rise"]
     usual = float(np.median(rising))
-    told = [f"{1 / usual:.4g} rows per s over {float(rising.sum()):.4g} s"]
+    remarks = [f"{1 / usual:.4g} rows per s over {float(rising.sum()):.4g} s"]
     gaps = rising[rising > GAP_STEPS * usual]
     if len(gaps):
-        told.append(f"{len(gaps)} gaps, the longest {gaps.max():.3g} s")
+        remarks.append(f"{len(gaps)} gaps, the longest {gaps.max():.3g} s")
     if doubled := int((steps == 0).sum()):
-        told.append(f"{doubled} doubled stamps, of which the first row is taken")
+        remarks.append(f"{doubled} doubled stamps, of which the first row is taken")
     if resets := int((steps < 0).sum()):
-        told.append(f"{resets} steps back")
-    return [f"{name}: {', '.join(told)}"]
+        remarks.append(f"{resets} steps back")
+    return [f"{name}: {', '.join(remarks)}"]
 
 
 def _guess_roles(columns: list[SurveyedColumn]) -> Iterator[RoleGuess]:
-    """The first column of each role whose name and numbers suggest it."""
+    """The first column of each role with a name and numbers that suggest it."""
     taken: set[str] = set()
     names = [column.name for column in columns]
     for role, pattern in ROLE_NAMES:

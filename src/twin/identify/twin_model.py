@@ -6,7 +6,7 @@ From a log with plate angles to parameters, verdicts, and what they are worth on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any, cast
@@ -220,7 +220,7 @@ class TwinProblem(FitProblem[Windows]):
         )
 
     def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
-        """What the screen would have reported in m, and its rate in m/s, (C, W, B, 2)."""
+        """Predicted reports of the screen in m, and their rates in m/s, (C, W, B, 2)."""
         places, speeds = self.replay(theta, starts)
         return self.windows.at_samples(places, speeds, self.values(theta)["delay"])
 
@@ -237,7 +237,7 @@ class TwinProblem(FitProblem[Windows]):
         )
 
     def _unknown(self, best: Minimum) -> tuple[Array, int]:
-        """What patches of the screen and other forces move the samples by, and how many patches."""
+        """Shifts of the samples by patches of the screen and other forces; number of patches."""
         windows, delay = self.windows, self.values(best.theta)["delay"]
         plain = self.replay(best.theta, best.starts)
         step = self.noise.patch_step_share
@@ -322,7 +322,7 @@ def fit_twin(
         return fit_twin(model, windows, names, grip, uneven=uneven, selection=selection)
     if not uneven:
         return Fit(problem, best)
-    # what the patches do is another thing where the ball, at the best fit, goes or starts otherwise
+    # the effect of the patches depends on the ball's path at the best fit
     problem = problem.whiten(best, sizes)
     line = problem.linearise(best.theta, best.starts)
     return Fit(problem, best._replace(linearisation=line))
@@ -429,7 +429,7 @@ class Whiteness:
 
     @property
     def rejected(self) -> bool:
-        """Whether so much is unexplained that no interval is told."""
+        """Whether so much is unexplained that no interval is given."""
         return self.unexplained > self.test.max_unexplained_share
 
     @property
@@ -445,7 +445,7 @@ class Whiteness:
         )
         if self.rejected:
             return f"{what}: too much for an interval"
-        return f"{what}: the intervals hold what it may have moved the parameters by at worst"
+        return f"{what}: the intervals include the largest error that it may have caused"
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -533,7 +533,7 @@ def _assess_ball(
     alike = np.abs(ball.correlation[k]) > MAX_CORRELATION
     others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
     others.remove(name)
-    why = f"cannot be told from {', '.join(others)}" if others else "its interval is too wide"
+    why = f"not distinguishable from {', '.join(others)}" if others else "its interval is too wide"
     at_edge = value <= about.least + half or value >= about.most - half
     word = (
         BOUNDED_VERDICT if at_edge and high - low < about.most - about.least else NOT_IDENTIFIABLE
@@ -596,7 +596,7 @@ def replay_log(
 
 @dataclass(frozen=True, kw_only=True)
 class TwinIdentification(Identification):
-    """What a log shows of a rig like the twin's.
+    """Identification of a rig like the twin's from a log.
 
     Attributes:
         log: The part of it that was used.
@@ -640,6 +640,79 @@ class TwinIdentification(Identification):
         }
 
 
+def _fit_windows(
+    log: PreparedLog,
+    windows: Windows,
+    names: tuple[str, ...],
+    selection: TwinSelection,
+    progress: Callable[[float], None],
+) -> tuple[tuple[str, ...], Fit[TwinProblem], Whiteness, list[str]]:
+    """Fit the parameters, on an even screen or, if that does not explain the log, an uneven one.
+
+    Args:
+        log: The log, with the kinds of friction at rest to try.
+        windows: Its windows.
+        names: The requested parameters.
+        selection: Constants of the fit.
+        progress: Called with the share of the work done.
+
+    Returns:
+        The fitted parameters (viscous friction may be added), the fit, the whiteness of its
+        residuals, and notes for the report.
+    """
+
+    def best(asked: tuple[str, ...], *, uneven: bool = False) -> Fit[TwinProblem]:
+        fits = [
+            fit_twin(
+                log.model,
+                windows,
+                fitted_parameters(asked),
+                grip,
+                uneven=uneven,
+                selection=selection,
+            )
+            for grip in log.grips
+        ]
+        return min(fits, key=lambda each: each.found.cost[0])
+
+    fit, notes = best(names), list[str]()
+    white = whiteness(fit)
+    progress(0.4)
+    if white.white and len(fit.problem.windows) >= selection.even_screen_share * len(windows):
+        return names, fit, white, notes
+    more: tuple[str, ...] = AT_REST
+    rough = best((*names, *more), uneven=True)
+    if "viscous" not in names and _has_viscous_friction(rough, selection):
+        more = (*more, "viscous")
+        rough = best((*names, *more), uneven=True)
+    left = whiteness(rough)
+    if not white.white or (left.white and any(rough.problem.sizes)):
+        fit, white = rough, left
+        notes.append(
+            "friction that differs from place to place, and other unknown forces, are taken as "
+            "a part of the noise: without it the log is not explained; a longer log tells more"
+        )
+        if "viscous" in more:
+            names = (*names, "viscous")
+            notes.append("friction grows with speed: viscous friction fitted along")
+    return names, fit, white, notes
+
+
+def _describe_fit(
+    log: Log, usable: PreparedLog, fit: Fit[TwinProblem], windows: int
+) -> Iterator[str]:
+    """Notes on the log and its fit; ``windows`` is the number of windows before the fit."""
+    if len(usable.grips) > 1:
+        kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
+        yield f"friction at rest taken to be {kind}, which fits better"
+    if left_out := windows - len(fit.problem.windows):
+        yield f"{left_out} of {windows} windows left out: no replay explains the ball there"
+    if not log.scenario and not log.age.any():
+        yield "column age missing or zero: a wait for a frame is counted in the dead time"
+    if usable.segments[0].command is None:
+        yield "no commanded rates in the log: the plate is taken from its encoders alone"
+
+
 def identify_twin(
     log: Log,
     names: tuple[str, ...],
@@ -675,51 +748,8 @@ def identify_twin(
             f"{0 if windows is None else len(windows)} windows to fit, at least 3 are needed"
         )
 
-    def best(asked: tuple[str, ...], *, uneven: bool = False) -> Fit[TwinProblem]:
-        fits = [
-            fit_twin(
-                usable.model,
-                windows,
-                fitted_parameters(asked),
-                grip,
-                uneven=uneven,
-                selection=selection,
-            )
-            for grip in usable.grips
-        ]
-        return min(fits, key=lambda each: each.found.cost[0])
-
-    fit = best(names)
-    notes, white = list(usable.notes), whiteness(fit)
-    progress(0.4)
-    if not white.white or len(fit.problem.windows) < selection.even_screen_share * len(windows):
-        more: tuple[str, ...] = AT_REST
-        rough = best((*names, *more), uneven=True)
-        if "viscous" not in names and _has_viscous_friction(rough, selection):
-            more = (*more, "viscous")
-            rough = best((*names, *more), uneven=True)
-        left = whiteness(rough)
-        if not white.white or (left.white and any(rough.problem.sizes)):
-            fit, white = rough, left
-            notes.append(
-                "friction that differs from place to place, and other unknown forces, are taken as "
-                "a part of the noise: without it the log is not explained; a longer log tells more"
-            )
-            if "viscous" in more:
-                names = (*names, "viscous")
-                notes.append("friction grows with speed: viscous friction fitted along")
-    if len(usable.grips) > 1:
-        kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
-        notes.append(f"friction at rest taken to be {kind}, which fits better")
-    count = len(fit.problem.windows)
-    if left_out := len(windows) - count:
-        notes.append(
-            f"{left_out} of {len(windows)} windows left out: no replay explains the ball there"
-        )
-    if not log.scenario and not log.age.any():
-        notes.append("column age missing or zero: a wait for a frame is counted in the dead time")
-    if usable.segments[0].command is None:
-        notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
+    names, fit, white, notes = _fit_windows(usable, windows, names, selection, progress)
+    notes = [*usable.notes, *notes, *_describe_fit(log, usable, fit, len(windows))]
     tried = replay_log(unknown, fit, lag, how) if unknown is not None and unknown.segments else {}
     if not tried and share < 1:
         notes.append("too little left to hold out")
@@ -727,13 +757,13 @@ def identify_twin(
     words, known_of = white.words, assess_parameters(names, fit, drives, white)
     if all(each.word != IDENTIFIED_VERDICT for each in known_of):
         notes.append(
-            "nothing was identified: two minutes of the scenario excite would show more; the twin "
-            "beside a log does without a file: ballplate shadow LOG --learn"
+            "nothing was identified: two minutes of the scenario excite would show more; a "
+            "twin that follows a log needs no file: ballplate shadow LOG --learn"
         )
     return TwinIdentification(
         source=usable.source,
         extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
-        f"were fitted, in {count} windows; {fit.found.termination}.",
+        f"were fitted, in {len(fit.problem.windows)} windows; {fit.found.termination}.",
         remarks=(f"{words[0].upper()}{words[1:]}.",),
         log=usable,
         seconds=known.length,

@@ -31,7 +31,7 @@ class ParameterVerdict:
     Attributes:
         about: Which.
         name: Its name on the command line; of the level each axis has one.
-        value: Fitted value in the unit of its key; None if the log says nothing.
+        value: Fitted value in the unit of its key; None if the log does not show it.
         low: Lower end of the 95 % interval, in the same unit; None if unknown.
         high: Upper end.
         word: ``identified``, ``bounded`` (only a bound is known), ``model rejected`` (the value
@@ -49,7 +49,7 @@ class ParameterVerdict:
 
     @property
     def label(self) -> str:
-        """What tables and sentences call it: its key, and its axis."""
+        """Label in tables and sentences: the key, and the axis."""
         axis = self.name.rpartition("_")[2]
         return self.about.key + (f" ({axis})" if axis in {"phi", "theta", "x", "y"} else "")
 
@@ -64,7 +64,7 @@ class ParameterVerdict:
 
     @classmethod
     def unknown(cls, about: IdentifiedParameter, name: str, why: str) -> ParameterVerdict:
-        """Of what the log does not show; the experiment that would is said as well."""
+        """Verdict of a parameter that the log does not show, with the experiment that would."""
         return cls(about=about, name=name, why=f"{why}; {about.experiment}")
 
     def as_dict(self) -> dict[str, Any]:
@@ -195,7 +195,7 @@ def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
 
 
 def absolute_quantile(errors: Array, share: float) -> float:
-    """What a share of errors stay within; NaN if none is known."""
+    """Bound within which a share of the errors stays; NaN if none is known."""
     sizes = np.abs(errors[np.isfinite(errors)])
     return float(np.quantile(sizes, share)) if len(sizes) else float("nan")
 
@@ -225,7 +225,7 @@ class PredictionScore:
 
 
 def score(found: Mapping[str, Predicted]) -> PredictionScore:
-    """The errors of axes whose predictions begin at the same times."""
+    """The errors of axes with predictions that begin at the same times."""
     every = list(found.values())
     how = every[0].how
     moves = np.hypot.reduce([each.way for each in every]) > how.min_motion_m
@@ -257,7 +257,7 @@ class Identification:
         notes: What was left out or assumed, in words.
         extent: How much of the log was used, in words.
         remarks: Further results of the fit, in sentences.
-        on: The rig that the parameters lie over; empty for that of a scenario.
+        on: The rig that the parameters are set over; empty for the rig of a scenario.
         how: Constants of the predictions.
     """
 

@@ -112,8 +112,8 @@ def replay(
             for at once, as Coulomb's law has it.
         gain: Factor on what the plate's tilt and acceleration do to the ball: a number, or one per
             candidate, shape (C, 1).
-        paces: Speeds of the ball before the first step, ``PACE`` apart, m/s, shape (W, K), on which
-            depends how long it rested; None for one that has long gone at its first speed.
+        paces: Speeds of the ball before the first step, ``PACE`` apart, m/s, shape (W, K), for
+            the time at rest; None for a ball that has rolled at its first speed for long.
     """
     h, steps = REPLAY_STEP_S, len(field.push)
     p, v = start[:2], start[2:]
@@ -171,7 +171,7 @@ def replay(
 
 
 def _age_at_start(friction: Friction, speed: Array, paces: Array | None) -> Array:
-    """Age of contacts of speeds in m/s, shape (C, W), that have gone at ``paces`` before."""
+    """Age of contacts at speeds in m/s, shape (C, W), after the earlier speeds ``paces``."""
     if paces is None:
         return friction.settled(speed)
     any_lane = np.zeros_like(speed)
@@ -281,7 +281,7 @@ class Windows(SampleWindows):
         return cls(field=field, **rest)
 
     def at_samples(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
-        """What the screen would have reported, with its rate, both shape (C, W, B, 2).
+        """Predicted reports of the screen with their rates, both shape (C, W, B, 2).
 
         Cubic Hermite interpolation of a replay.
 
@@ -319,7 +319,7 @@ def edges_of(windows: Windows) -> Array:
 
 
 def unknown_motion(windows: Windows, delay: float) -> Array:
-    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
+    """Shift of the samples by each unknown acceleration, in their standard deviations, per m/s^2.
 
     Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
     errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each
@@ -396,10 +396,10 @@ def cut(
 
 
 def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
-    """Windows one after another between two times, each begun at rest or in full roll.
+    """Windows in sequence between two times, each begun at rest or in full roll.
 
     A window goes on until the ball has come to rest again or the longest time is up. Of a rest
-    only the end is in a window: what comes before says nothing.
+    only the end is in a window: the earlier part determines no parameter.
 
     Args:
         segment: The part of the log.
@@ -448,7 +448,7 @@ def axis_windows(log: AxisLog, begin: Array, end: Array) -> SampleWindows:
 
 
 def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
-    """Beginnings and ends of windows one after another, s: none goes over a gap of the samples."""
+    """Beginnings and ends of windows in sequence, s: no window spans a gap of the samples."""
     time, found = log.sampled, list[tuple[float, float]]()
     step = float(np.median(np.diff(time))) if len(time) > 1 else MAX_COMMAND_GAP_S
     borders = np.concatenate(

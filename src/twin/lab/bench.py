@@ -66,7 +66,7 @@ class Scoring:
 
     Attributes:
         trimmed_share: Share of the lowest and of the highest errors that the mean leaves out.
-        worst_share: Share of the highest errors whose mean is the score ``worst``.
+        worst_share: Share of the highest errors; their mean is the score ``worst``.
         interval_quantiles: Quantiles at the ends of an interval.
         bootstrap_draws: Samples of the bootstrap.
         stratum_key: The rigs with equal values of this key are resampled among themselves.
@@ -119,7 +119,7 @@ class Entry(Checked):
         computing: Computing time of one command, s; 0 for not given.
         kind: Kind of the one class in its file, or of its program.
         file: Its code; empty if settings of shipped laws are enough.
-        command: A program in another language and its arguments, ``file`` among them.
+        command: A program in a language other than Python and its arguments, ``file`` among them.
         set: Overrides ``key=value`` of ``ENTRY_TABLES``.
     """
 
@@ -202,7 +202,7 @@ class Benchmark:
     """A frozen benchmark in a folder, on its frozen rigs or on those of a season.
 
     Args:
-        folder: Its folder; that of the shipped one by default.
+        folder: Its folder; by default the shipped benchmark's.
         key: Key from which the rigs of a season are drawn; None for the frozen ones.
         scoring: How errors become scores.
 
@@ -461,7 +461,7 @@ class Benchmark:
         return compare_runs(rows, expected, metric, what, free, unit, tolerance)
 
     def _rows_of(self, folder: Path) -> pd.DataFrame:
-        """The runs of a finished entry, once their number is known to be that of the benchmark."""
+        """The runs of a finished entry, after a check that it has all runs of the benchmark."""
         file = folder / "runs.parquet"
         check_regular(file.lstat())
         expected = len(self.points) * self.about.seeds * len(self.about.tasks)
@@ -649,7 +649,7 @@ def compare_runs(
     unit: str = "m",
     tolerance: float = SCORING.platform_tolerance,
 ) -> Iterator[str]:
-    """The runs whose error is not the expected one, beyond what platforms differ by, in words.
+    """Describe the runs with an error unlike the expected one, beyond platform differences.
 
     Args:
         rows: The runs.

@@ -1,9 +1,9 @@
 """The script of a student's process: limits first, then their file, then one answer a period.
 
 Run by its path; the arguments are the answer's file, its processor time in s, its kind, the name of
-a function, and of an answer in another language the program and its arguments, which replaces this
-one. Requests come on standard input, answers leave on what was its standard output; printed text
-goes to a file. Nothing of a rig but measurements and estimates comes in here, and nothing but
+a function, and for a language other than Python the program and its arguments, which replaces this
+process. Requests come on standard input, answers leave on what was its standard output; printed
+text goes to a file. Nothing of a rig but measurements and estimates comes in here, and nothing but
 numbers and texts goes out.
 """
 
@@ -54,7 +54,7 @@ every period begins with its first letter."""
 
 
 class Printed(io.RawIOBase):
-    """What an answer prints: as much as its file may hold; the rest is dropped."""
+    """Text that an answer prints: as much as its file may hold; the rest is dropped."""
 
     def writable(self) -> bool:
         """It can be written to."""
@@ -111,12 +111,12 @@ def limit(seconds: int, program: Sequence[str] = ()) -> None:
     """Confine this process, for good.
 
     Limits of the system, where it has them: processor time, memory, length and number of files; on
-    Linux, those of ``confinement``. A hook of the interpreter, whose messages have reasons: no
-    processes, and no import of what simulates. A program has no such hook, and may have threads.
+    Linux, those of ``confinement``. A hook of the interpreter, which gives reasons: no
+    processes, and no import of the simulator. A program has no such hook, and may have threads.
 
     Args:
         seconds: Processor time in s.
-        program: Of an answer in another language the program and its arguments.
+        program: The program and its arguments of an answer that is not in Python.
     """
     bounds = {
         "CPU": seconds,

@@ -26,7 +26,7 @@ CAPABILITY_VERSION_3 = 0x20080522
 CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 1 << 1, 1 << 2
 """Capabilities, as bits: to write and to read files of other users. In a container root may have
 the first alone."""
-NOBODY = "nobody"
+UNPRIVILEGED_USER = "nobody"
 """User without rights on any Linux."""
 
 SYS_LANDLOCK_CREATE_RULESET, SYS_LANDLOCK_ADD_RULE, SYS_LANDLOCK_RESTRICT_SELF = 444, 445, 446
@@ -67,8 +67,8 @@ NO_FLAGS = 0
 """Flags of a system call without any."""
 
 AUDIT_ARCH = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
-"""Machines whose system calls are known here (linux/audit.h)."""
-REFUSED: dict[str, tuple[int | None, int | None]] = {
+"""Machines with system calls that are known here (linux/audit.h)."""
+REFUSED_CALLS: dict[str, tuple[int | None, int | None]] = {
     # sockets: also those by datagram, by a path, and between others
     "socket": (41, 198),
     "socketpair": (53, 199),
@@ -95,7 +95,7 @@ REFUSED: dict[str, tuple[int | None, int | None]] = {
     "add_key": (248, 217),
     "request_key": (249, 218),
     "keyctl": (250, 219),
-    # namespaces, mounts, another root
+    # namespaces, mounts, a new root
     "unshare": (272, 97),
     "setns": (308, 268),
     "mount": (165, 40),
@@ -166,13 +166,13 @@ REFUSED: dict[str, tuple[int | None, int | None]] = {
 }
 """System calls that fail with EPERM: their numbers on x86_64 and on aarch64; None where there is no
 such call (asm/unistd_64.h, asm-generic/unistd.h)."""
-EXECVE = (59, 221)
+EXECVE_NUMBERS = (59, 221)
 """Refused, too, unless the answer is a program, which is started by it."""
 CLONE, CLONE3 = (56, 220), (435, 435)
 OWN_PROCESS_ONLY = {"kill": (62, 129), "tkill": (200, 130), "tgkill": (234, 131)}
-"""System calls whose first argument must be this process."""
+"""System calls with this process as the only allowed first argument."""
 OWN_OR_ZERO = {"prlimit64": (302, 261), "sched_setaffinity": (203, 122)}
-"""System calls whose first argument must be this process, or 0, which stands for it."""
+"""System calls with this process, or 0 for it, as the only allowed first argument."""
 FCNTL, F_SETOWN, F_SETOWN_EX = (72, 25), 8, 15
 """Call and commands that choose the process to which signals of a file are sent."""
 FIRST_UNKNOWN_CALL = 457
@@ -207,7 +207,7 @@ def be_nobody(places: Sequence[str]) -> None:
     closed = any(not folder.stat().st_mode & stat.S_IXOTH for folder in folders)
     libc = ctypes.CDLL(None)
     with suppress(KeyError, OSError):  # no such user, or root may not change: as before
-        nobody = pwd.getpwnam(NOBODY)
+        nobody = pwd.getpwnam(UNPRIVILEGED_USER)
         os.chown(".", nobody.pw_uid, nobody.pw_gid)
         libc.prctl(PR_SET_KEEPCAPS, 1, 0, 0, 0)  # the permitted ones, until capset chooses
         os.setgroups([])
@@ -267,7 +267,7 @@ def refuse_calls(*, program: bool) -> bool:
     """Have the system refuse calls that an answer does not need, in this process and its threads.
 
     Args:
-        program: Whether this process is about to start a program in another language.
+        program: Whether this process is about to start a program that is not Python.
 
     Returns:
         Whether the system can do it: Linux with seccomp, on x86_64 or aarch64.
@@ -331,7 +331,9 @@ def filter_of(machine: str, *, program: bool) -> Iterator[Step]:
         yield from where(own[at], argument(0), zero, (BPF_JUMP_EQUAL, 0, 1, me), allow, refuse)
     owners = ((BPF_JUMP_EQUAL, 2, 0, F_SETOWN), (BPF_JUMP_EQUAL, 1, 0, F_SETOWN_EX))
     yield from where(FCNTL[at], argument(1), *owners, allow, refuse)
-    for number in (each[at] for each in (*REFUSED.values(), *([] if program else [EXECVE]))):
+    for number in (
+        each[at] for each in (*REFUSED_CALLS.values(), *([] if program else [EXECVE_NUMBERS]))
+    ):
         if number is not None:
             yield from where(number, refuse)
     yield allow

@@ -1,4 +1,4 @@
-"""Answers that are equal or nearly so, and values in an answer that are another student's.
+"""Answers that are equal or nearly so, and values in an answer that belong to a fellow student.
 
 They are named to the lecturer and cost no points: who had what from whom is not in a file.
 """
@@ -21,7 +21,7 @@ from twin.lab.handed_in import Submission
 from twin.lab.schema import Lab, deal, fill_answer
 from twin.lab.words import words
 
-LAYOUT = {
+LAYOUT_TOKENS = {
     tokenize.COMMENT,
     tokenize.NL,
     tokenize.NEWLINE,
@@ -34,8 +34,8 @@ LAYOUT = {
 """Tokens that change nothing of what a program computes, and texts."""
 TOKEN_PATTERN = re.compile(r"[A-Za-z_]\w*|\d[\w.]*|[^\w\s]")
 """A token of a file that is no Python, or none that can be read."""
-NAME = "name"
-"""Stands for every name, so that another name for a variable makes no difference."""
+NAME_TOKEN = "name"
+"""Stands for every name, so that renaming a variable makes no difference."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class Likeness:
             students added to the starter.
         min_tokens: Smallest number of tokens that each of them added: two short additions may be
             nearly equal by chance.
-        digits: Smallest number of significant digits of a number that may be another student's.
+        digits: Smallest number of significant digits of a value that identifies its student.
     """
 
     ratio: float = 0.95
@@ -59,12 +59,12 @@ LIKENESS = Likeness()
 
 
 class Alike(NamedTuple):
-    """Two answers that are alike, or a value of another student.
+    """Two answers that are alike, or an answer with a value of a fellow student.
 
     Attributes:
         kind: ``same`` file, ``near`` to each other, or a ``value``.
         one: A student.
-        other: The other student; of a value, the one whose rig has it.
+        other: The other student; of a value, the student with that rig.
         detail: The share of equal tokens in percent, or the value.
     """
 
@@ -84,9 +84,9 @@ def tokens_of(text: str, *, python: bool = True) -> list[str]:
     if python:
         with suppress(tokenize.TokenError, SyntaxError):
             every = tokenize.generate_tokens(io.StringIO(text).readline)
-            found = [each.string for each in every if each.type not in LAYOUT]
+            found = [each.string for each in every if each.type not in LAYOUT_TOKENS]
     names = re.compile(r"[^\W\d]\w*")
-    return [NAME if names.fullmatch(each) and not iskeyword(each) else each for each in found]
+    return [NAME_TOKEN if names.fullmatch(each) and not iskeyword(each) else each for each in found]
 
 
 def added_to(starter: Sequence[str], answer: Sequence[str]) -> list[str]:
@@ -114,12 +114,12 @@ def find_alike(
     handed_in: Sequence[Submission],
     how: Likeness = LIKENESS,
 ) -> list[Alike]:
-    """Equal and near-equal answers of a class, and values that are another student's.
+    """Equal and near-equal answers of a class, and values that belong to a fellow student.
 
     Args:
         lab: The lab.
         key: The key of the course.
-        people: The students of the class whose values may be found, besides those who handed in.
+        people: Further students of the class; their values are searched for as well.
         handed_in: The submissions.
         how: When two answers are alike.
     """
@@ -136,7 +136,7 @@ def find_alike(
 def _pairs(
     lab: Lab, texts: Mapping[str, str], known: Mapping[str, Mapping[str, object]], how: Likeness
 ) -> Iterator[Alike]:
-    """Students whose answers are alike, in pairs; answers that are the starter are not."""
+    """Students with answers that are alike, in pairs; an unchanged starter does not count."""
     python = lab.answer.file.endswith(".py")
     own = lab.answer.file
     template = lab.text(own) if (lab.folder / own).is_file() else ""  # a lab may have no starter
@@ -162,7 +162,7 @@ def _pairs(
 def _values_of_others(
     texts: Mapping[str, str], known: Mapping[str, Mapping[str, object]], how: Likeness
 ) -> Iterator[Alike]:
-    """Numbers of an answer that are given to another student, and not to its own."""
+    """Numbers of an answer that were given to a fellow student, and not to its own."""
     given = {
         student: [value for value in values.values() if isinstance(value, float)]
         for student, values in known.items()

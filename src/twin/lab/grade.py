@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-from controllers.catalog import EXECUTES
+from controllers.catalog import EXECUTION_LOG
 from twin.base.data_file import DataError, parse_json, read_regular
 from twin.base.errors import ScenarioError, TwinError, nearest, printable, shorten
 from twin.base.jobs import results
@@ -47,7 +47,7 @@ from twin.lab.schema import (
     LOG_FILE,
     MAX_NAME_BYTES,
     PRIVATE_FILES,
-    RUNS,
+    RUNS_MESSAGE,
     CheckTable,
     Deal,
     Lab,
@@ -118,7 +118,7 @@ def format_result(result: Result, form: str) -> str:
 
     Args:
         result: The result.
-        form: ``json``, all of it, whose ``results`` have the fields of check50; ``gradescope``,
+        form: ``json``, all of it: its ``results`` have the fields of check50; ``gradescope``,
             ``classroom50``, which reads the environment of its runner, or ``junit``: the templates
             in ``lab/templates``.
     """
@@ -170,13 +170,13 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
             if "__pycache__" not in file.parts and not file.name.endswith("key.txt"):
                 content = file.read_bytes()
                 if file.suffix in (".md", ".toml"):
-                    content = _renamed(file, like.name, name).encode()
+                    content = _rename_in(file, like.name, name).encode()
                 write_whole(inner / file.relative_to(like.folder), content)
 
     write_folder(folder, fill if like is None else copy)
 
 
-def _renamed(file: Path, old: str, new: str) -> str:
+def _rename_in(file: Path, old: str, new: str) -> str:
     """The text of a file of a lab for the lab's copy: its name, and commands with it."""
     text = file.read_text(encoding="utf-8-sig")
     if file.name == "lab.toml":
@@ -276,7 +276,7 @@ def student_page(
         judge: Judges the answer.
         result: Its result.
         everything: Whether hidden checks are on it, too.
-        drawing: The picture; by default that of the check that lost most points.
+        drawing: The picture; by default the one of the check that lost most points.
     """
     results, say = result["results"], words(judge.lab.language)
     shown = [each for each in results if everything or each["visible"] != "hidden"]
@@ -472,7 +472,7 @@ SELF_TEST = SelfTest()
 
 
 class Kept(NamedTuple):
-    """What is kept of an earlier grading of a student.
+    """Kept results of an earlier grading of a student.
 
     Attributes:
         result: The result; empty if there is none.
@@ -489,7 +489,7 @@ NOTHING_KEPT = Kept({}, {}, None)
 
 
 def read_kept(kept: Path, student: str) -> Kept:
-    """What is kept of a student; nothing if a file is missing, or was not written whole."""
+    """Kept results of a student; nothing if a file is missing, or was not written whole."""
     try:
         result = parse_json((kept / f"{student}.json").read_bytes())
         measured = {key: Measured(**each) for key, each in result.pop("measured").items()}
@@ -628,7 +628,7 @@ def grade(
         people: The students of the class; None for everyone who hands in.
         handed_in: The submissions.
         kept: Folder of the results, a file and a page for each student, written as soon as it is
-            complete. Nothing is simulated again whose answer, rig, runs and code are unchanged:
+            complete. A check with unchanged answer, rig, runs and code is not simulated again:
             points and texts are made from the measurements that are kept there.
         processes: Number of submissions that are graded at the same time.
         progress: Called with the number of finished ones.
@@ -637,7 +637,7 @@ def grade(
         TwinError: If a folder cannot be read or written, or a process is killed.
     """
     for file in lab.own_code:
-        EXECUTES.info(RUNS, file)  # logged here, once, whatever process runs it
+        EXECUTION_LOG.info(RUNS_MESSAGE, file)  # logged here, once, whatever process runs it
     work = partial(grade_submission, lab, key, people, kept, source_of(lab))
     done, left = {}, []
     for each in handed_in:
@@ -670,7 +670,7 @@ def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
     return str(table.to_csv(index=False))
 
 
-FORMULA = re.compile(r"(^|[;,|])(\s*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])")
+FORMULA_START = re.compile(r"(^|[;,|])(\s*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])")
 """Where a spreadsheet would begin a formula: first in a cell, or after a sign between cells."""
 
 
@@ -679,7 +679,7 @@ def in_cell(text: str) -> str:
 
     An apostrophe is put before the beginning of one.
     """
-    return FORMULA.sub(r"\1\2'", printable(text))
+    return FORMULA_START.sub(r"\1\2'", printable(text))
 
 
 class SampleAnswer(NamedTuple):

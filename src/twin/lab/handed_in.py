@@ -32,14 +32,14 @@ MAX_SEARCH_DEPTH = 4
 """Depth of folders in which it is searched."""
 MAX_NAMED_FILES = 3
 """Files that a message names."""
-ARCHIVES = (".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
-MOODLE = re.compile(
+ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
+MOODLE_NAME = re.compile(
     r"(?P<student>.+?)_\d+_assignsubmission_(?:file|onlinetext)_?(?P<file>.*)", re.DOTALL
 )
 """Moodle's ``FULL NAME_12345_assignsubmission_file_``: a folder, or a file's beginning."""
-CANVAS = re.compile(r"(?P<student>[^_]+)(?:_(?i:late))?_\d+_\d+_(?P<file>.+)", re.DOTALL)
+CANVAS_NAME = re.compile(r"(?P<student>[^_]+)(?:_(?i:late))?_\d+_\d+_(?P<file>.+)", re.DOTALL)
 """Canvas's ``NAME_12345_67890_FILE``, with ``_LATE`` after the name for an overdue one."""
-REPEATED = re.compile(r"(?P<stem>.+?)-(?P<number>\d+)(?P<suffix>\.[^.]+)", re.DOTALL)
+REPEATED_NAME = re.compile(r"(?P<stem>.+?)-(?P<number>\d+)(?P<suffix>\.[^.]+)", re.DOTALL)
 """Canvas's name of a file that was handed in again: ``answer-1.py``."""
 
 
@@ -47,11 +47,11 @@ class Submission(NamedTuple):
     """The submission of a student.
 
     Attributes:
-        student: The student, by a name that may be that of a file; else the entry's name, readable.
+        student: The student, by a name that is valid for a file; else the entry's name, readable.
         answer: The answer; its expected path if there is none.
         rig: The ``rig.toml``, or its expected path.
         problem: The reason why it cannot be graded, in a line; empty if it can.
-        named: Whether the student's name may be that of a file.
+        named: Whether the student's name is valid for a file.
         apart: Whether it is in a folder of the student's own, not among the files of others.
     """
 
@@ -134,7 +134,7 @@ def missing(about: AnswerTable, answer: Path) -> str:
         [each for each in files if each.name == about.file],
         [each for each in files if each.name.casefold().startswith(stem)],
         [each for each in files if each.suffix.casefold() == suffix],
-        [each for each in files if each.suffix.casefold() in ARCHIVES],
+        [each for each in files if each.suffix.casefold() in ARCHIVE_SUFFIXES],
         [each for each in files if each.name != RIG_FILE],
     )
     for alike in ranked:
@@ -198,13 +198,13 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
     """The student to whom an entry belongs.
 
     Raises:
-        ScenarioError: If it belongs to nobody: what it is, in words.
+        ScenarioError: If it belongs to no student; the message describes it.
     """
     name, mode = path.name, path.lstat().st_mode
     if name.startswith(".") or name == "__MACOSX":
         raise ScenarioError("is of the system that packed it")
-    canvas = None if stat.S_ISDIR(mode) else CANVAS.fullmatch(name)
-    if systems := MOODLE.fullmatch(name) or canvas:
+    canvas = None if stat.S_ISDIR(mode) else CANVAS_NAME.fullmatch(name)
+    if systems := MOODLE_NAME.fullmatch(name) or canvas:
         full = unicodedata.normalize("NFC", systems["student"]).strip()
         return re.sub(r"[^\w.@+-]+", "_", full)  # O'Neil is O_Neil
     if stat.S_ISDIR(mode):
@@ -217,7 +217,7 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
         return _name(path.stem)
     if stat.S_ISLNK(mode) or _name(name) in people:
         return _name(name)
-    if path.suffix.casefold() in ARCHIVES:
+    if path.suffix.casefold() in ARCHIVE_SUFFIXES:
         raise ScenarioError("is an archive: unpack it")
     kind = f"nor a {Path(about.file).suffix} file" if stat.S_ISREG(mode) else "nor a regular file"
     raise ScenarioError(f"is neither a folder {kind}")
@@ -263,11 +263,11 @@ def _of_files(about: AnswerTable, student: str, paths: list[Path]) -> Submission
     """The submission in a student's files that are among those of others."""
     newest: dict[str, tuple[int, Path]] = {}
     for path in paths:
-        systems = MOODLE.fullmatch(path.name) or CANVAS.fullmatch(path.name)
+        systems = MOODLE_NAME.fullmatch(path.name) or CANVAS_NAME.fullmatch(path.name)
         own = systems["file"] if systems else path.name
         if not systems and path.suffix.casefold() == Path(about.file).suffix.casefold():
             own = about.file  # under the student's own name
-        again = REPEATED.fullmatch(own)
+        again = REPEATED_NAME.fullmatch(own)
         number = 0
         if again and again["stem"] + again["suffix"] in {about.file, RIG_FILE}:
             own, number = again["stem"] + again["suffix"], int(again["number"])
@@ -281,5 +281,5 @@ def _of_files(about: AnswerTable, student: str, paths: list[Path]) -> Submission
     if about.file in newest:
         return Submission(student, newest[about.file][1], rig, apart=False)
     names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED_FILES])
-    unpack = ": unpack it" if paths[0].suffix.casefold() in ARCHIVES else ""
+    unpack = ": unpack it" if paths[0].suffix.casefold() in ARCHIVE_SUFFIXES else ""
     return Submission(student, paths[0], rig, f"no {about.file}; there is {names}{unpack}")

@@ -39,7 +39,7 @@ from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code, digest
 
 RESULT_SCHEMA = "ballplate/lab-result/v1"
 MAX_INTERVAL_WIDTH = 2.0
-"""Largest width of an interval whose distance from the truth counts, as a multiple of the
+"""Largest width of an interval that is scored by its distance from the truth, as a multiple of the
 distance that gives no points: the middle of a wider one may have that error."""
 
 
@@ -292,13 +292,13 @@ class Judge(NamedTuple):
         Points, limits and texts are not part of it.
         """
         assert self.measurements is not None
-        judged = check.model_dump(mode="json", exclude=set(NOT_SIMULATED))
-        judged["small is good"] = check.full < check.none
+        measured = check.model_dump(mode="json", exclude=set(NOT_SIMULATED))
+        measured["small is good"] = check.full < check.none
         if check.number:
-            judged["none"] = check.none  # the widest interval that counts
+            measured["none"] = check.none  # the widest interval that counts
         about = self.lab.answer.model_dump(mode="json")
         parts = [self.measurements.source, digest_of(self.file), self.dealt._asdict(), about]
-        return digest(json.dumps([*parts, judged], sort_keys=True))
+        return digest(json.dumps([*parts, measured], sort_keys=True))
 
     def describe(self, check: CheckTable, found: Measured) -> str:
         """The sentence about a number that was measured, with the limits of its points."""
@@ -509,7 +509,7 @@ class Judge(NamedTuple):
 
 
 def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
-    """The tables of an answer that is data; empty for the others, whose file must exist.
+    """The tables of an answer that is data; empty for the other kinds, which need a file.
 
     Raises:
         ScenarioError: If it is missing, or not what the lab requests.

@@ -32,11 +32,12 @@ from twin.lab.schema import AnswerTable
 
 @dataclass(frozen=True, kw_only=True)
 class AnswerLimits:
-    """What the process of an answer may use and send.
+    """Limits of the process of an answer.
 
     Attributes:
         start_s: Time in s within which the process must have started, whatever the machine's load.
-        loading_s: Time in s that an answer's file may take to be loaded; that of a check if longer.
+        loading_s: Time in s that an answer's file may take to be loaded; the time of a check if
+            longer.
         slowdown: Factor by which other processes may slow it.
         poll_s: Interval in s at which a process that has not answered is examined.
         folder_check_s: Shortest interval in s between two examinations of its folder.
@@ -64,7 +65,7 @@ class AnswerLimits:
     quantities: int = 1000
 
     def load_time(self, seconds: float) -> float:
-        """Longest time in s for loading an answer whose check may take a time in s."""
+        """Longest time in s for loading an answer with a check that may take ``seconds``."""
         return max(seconds, self.loading_s)
 
 
@@ -102,11 +103,11 @@ class AnswerProcess:
         folder: Its own folder.
         name: Name of the answer's file.
         seconds: Time in s that it may take.
-        left: Remaining processor time in s: ``seconds`` and what it took until it was ready, less
-            the time in which it slept.
+        left: Remaining processor time in s: ``seconds`` and its use until it was ready, less the
+            time in which it slept.
         end: Monotonic time in s at which it must have ended, whatever the machine's load.
         most_printed: Bytes of its printed text that are kept.
-        limits: What it may use and send.
+        limits: Limits of its resources and messages.
         failure: Why it ended, in one line.
         out_of_time: Whether it ended because it took too long.
         program: Whether it is a program that receives numbers alone.
@@ -287,7 +288,7 @@ class AnswerProcess:
         return content
 
     def prints_too_much(self) -> bool:
-        """Whether a part of what it printed was dropped."""
+        """Whether a part of its printed text was dropped."""
         return os.fstat(self.prints.fileno()).st_size >= self.most_printed
 
     def last_printed(self, most: int = 5) -> list[str]:
@@ -353,7 +354,7 @@ class AnswerObserver(Observer):
         self.process.begin(x, self.model, period=self.period)
 
     def correct(self, measurement: Measurement) -> Array:
-        """The estimate at a measurement, whose true state is not sent to the process."""
+        """The estimate at a measurement; its true state is not sent to the process."""
         flags = measurement.age, measurement.touched
         columns = (each[..., np.newaxis] for each in flags)
         return self._request("correct", measurement.time, measurement.y, *columns)

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
-from controllers.catalog import EXECUTES
+from controllers.catalog import EXECUTION_LOG
 from twin.base.errors import ScenarioError, nearest, printable, shorten
 from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_labs
@@ -38,7 +38,7 @@ Kind = Literal["law", "observer", "function", "numbers", "parameters"]
 DATA_KINDS = ("numbers", "parameters")
 """Kinds that are no code."""
 NUMBER_KINDS = ("numbers", "function")
-"""Kinds whose result is numbers by name."""
+"""Kinds of answer with numbers by name as result."""
 Visible = Literal["visible", "hidden", "after_published"]
 LAB_NAME_PATTERN = "[a-z0-9_-]+"
 """Pattern of a lab's name."""
@@ -60,7 +60,7 @@ class AnswerTable(Checked):
         function: Name of a function.
         asked: For numbers, in a file or from a function: name to unit.
         keys: For parameters: dotted keys of a scenario that may be set, or their beginnings.
-        command: For a law or observer in another language: the program and its arguments.
+        command: For a law or observer that is not in Python: the program and its arguments.
     """
 
     kind: Kind
@@ -98,8 +98,7 @@ class VariantTable(Checked):
     Attributes:
         family: Name or file of the family of rigs.
         keys: Keys of it that are dealt; the others keep the scenario's values.
-        told: Dealt keys whose values are on the sheet; the others are drawn from the course's key
-            alone.
+        told: Dealt keys with values on the sheet; the others are drawn from the course's key alone.
         log: Scenario whose log is made on the student's rig, or ``FILE.py:FUNCTION`` that writes
             one for a rig into a folder.
         set: Overrides ``key=value`` of that log.
@@ -118,7 +117,7 @@ def as_list(given: Any) -> Any:
 
 
 class CheckTexts(Checked):
-    """The texts of a check in another language.
+    """The texts of a check in a further language.
 
     Attributes:
         name: Its name.
@@ -132,7 +131,7 @@ class CheckTexts(Checked):
 
 
 class LabTexts(Checked):
-    """The texts of a lab in another language.
+    """The texts of a lab in a further language.
 
     Attributes:
         title: Its title.
@@ -156,15 +155,15 @@ class CheckTable(Checked):
         family: Family of rigs on which it is run instead.
         rigs: Number of these rigs.
         draw: Number of the draw.
-        seeds: Seeds of the noise, each on every rig; that of the rig if there are none.
+        seeds: Seeds of the noise, each on every rig; the rig's own seed if there are none.
         metric: Indicator of a run, from the true ball; without one the outcome counts.
         limit: Largest value of the metric; the share of runs within it counts then.
         given: Further arguments of a function, by name.
-        against: Overrides of the same run by whose metric this one is divided.
+        against: Overrides of a second run; the metric is divided by the metric of that run.
         number: Name of an answer in numbers; the worst of all runs counts.
         truth: Its true value: a value, a key of the scenario, or ``truth.py:FUNCTION``.
-        judge: Whether the distance of its interval from the truth counts, that of the farther end
-            (``error``), or the width.
+        judge: Whether the distance of its interval from the truth counts, the distance of the
+            farther end (``error``), or the width.
         relative: Whether in percent of the truth.
         after: Checks without which this one cannot be graded: skipped where one got no points.
         why: The usual mistake of an answer that fails.
@@ -388,7 +387,7 @@ def read(name: str | Path) -> Lab:
     return read_model(Lab, file, called=str(name), folder=place.resolve(), hidden=more)
 
 
-RUNS = "runs %s of the lab"
+RUNS_MESSAGE = "runs %s of the lab"
 """Log message before a lab's own file is run."""
 
 
@@ -398,7 +397,7 @@ def load_function(file: Path, function: str) -> Callable[..., Any]:
     Raises:
         ScenarioError: If there is none.
     """
-    EXECUTES.info(RUNS, file)
+    EXECUTION_LOG.info(RUNS_MESSAGE, file)
     call: Callable[..., Any] | None = run_path(str(file)).get(function)
     if not callable(call):
         raise ScenarioError(f"{file.name}: must define a function {function}")
@@ -530,7 +529,7 @@ def students(path: Path) -> dict[str, str]:
 
 
 def check_name(student: str) -> None:
-    """Make sure that a student's name can be that of a folder, and of the files made for it.
+    """Make sure that a student's name is valid for a folder, and for the files made for it.
 
     Raises:
         ScenarioError: If not.

@@ -9,8 +9,8 @@ from typing import Any
 from twin.base.data_file import read_toml
 from twin.run.files import INDICATORS
 
-TABLES: dict[str, dict[str, Any]] = read_toml(Path(__file__).with_name("words.toml"))
-LANGUAGES = tuple(TABLES)
+WORD_TABLES: dict[str, dict[str, Any]] = read_toml(Path(__file__).with_name("words.toml"))
+LANGUAGES = tuple(WORD_TABLES)
 
 
 class Words:
@@ -21,7 +21,7 @@ class Words:
     """
 
     def __init__(self, language: str) -> None:
-        self.table = TABLES[language]
+        self.table = WORD_TABLES[language]
 
     def __call__(self, name: str, **parts: Any) -> str:
         """A sentence, its names in braces filled in; numbers in the digits that matter."""

@@ -1,4 +1,4 @@
-"""What a person drives: a rig, its controller, its clean model beside it, and what is kept."""
+"""What a person drives: a rig, its controller, its clean model, and their snapshots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,15 @@ from twin.run.metrics import Outcome
 from twin.run.record import Recorder
 from twin.run.state import Snapshot
 from twin.scenario.load import at_time, check, clean, put
-from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, TIME_TOLERANCE_S, Change, Scenario, choices
+from twin.scenario.schema import (
+    CONTROL_TABLES,
+    JUMP_KEYS,
+    RAMP_KEYS,
+    TIME_TOLERANCE_S,
+    Change,
+    Scenario,
+    choices,
+)
 from twin.whatif.futures import CONTROL_KEY_PREFIXES, take_over
 
 SNAPSHOT_INTERVAL_S = 1.0
@@ -55,12 +63,12 @@ class States:
         self.all: list[Kept] = []
 
     def due(self, time: float) -> bool:
-        """Whether it is time for another one."""
+        """Whether the next snapshot is due."""
         return not self.all or time > self.all[-1].time + SNAPSHOT_INTERVAL_S - 1e-9
 
     def keep(self, state: Kept) -> None:
-        """Take one in; of two at one moment the later one counts."""
-        if self.all and abs(self.all[-1].time - state.time) < 1e-9:
+        """Take one in; of two at one moment the later one counts, but the first one stays."""
+        if len(self.all) > 1 and abs(self.all[-1].time - state.time) < 1e-9:
             self.all.pop()
         self.all.append(state)
         del self.all[1:-MAX_SNAPSHOTS]
@@ -92,7 +100,7 @@ class DrivenRig:
         self.follow(driven.reference)
 
     def follow(self, reference: Reference) -> None:
-        """Let rig and clean model follow another path from now on."""
+        """Let rig and clean model follow a new path from now on."""
         self.controller.reference = SampledReference(reference, self.rig.period)
         self.ghost.follow(reference)
 
@@ -105,12 +113,12 @@ class DrivenRig:
             rig.devices.place(ball)
 
     def change(self, scenario: Scenario, time: float) -> None:
-        """Let the rig be what a scenario says from a time in s on."""
+        """Let the rig have the settings of a scenario from a time in s on."""
         assert isinstance(self.rig.changes, RigChanges)
         self.rig.changes.follow([scenario], time)
 
     def control(self, controller: Controller, scenario: Scenario) -> None:
-        """Have another controller, that of a scenario, once a state is gone on from."""
+        """Have the controller of a scenario, started from the present state."""
         self._before = self.controller, self._controlled
         self.controller, self._controlled = controller, scenario
 
@@ -145,7 +153,7 @@ class DrivenRig:
     def picture(
         self, time: float, driven: Driven, applied: Array | None, factor: float
     ) -> tuple[float, ...]:
-        """The numbers of a picture, in the order of ``session.COLUMNS``.
+        """The numbers of a picture, in the order of ``session.PICTURE_COLUMNS``.
 
         Args:
             time: Of it, s.
@@ -169,7 +177,7 @@ class Ghost:
     """A clean model that is stepped period by period.
 
     Args:
-        scenario: Of the rig it goes beside.
+        scenario: Scenario of the rig that it accompanies.
         reference: The path to follow.
 
     Attributes:
@@ -195,7 +203,7 @@ class Ghost:
         self.measurement = self.rig.read()
 
     def follow(self, reference: Reference) -> None:
-        """Follow another path from now on."""
+        """Follow a new path from now on."""
         self.controller.reference = SampledReference(reference, self.rig.period)
 
     def control(self, scenario: Scenario) -> None:
@@ -209,8 +217,8 @@ class Ghost:
 
 MAX_DRIVEN_S = 1800.0
 """Longest time in s that can be driven: its record is kept in memory."""
-CONTROL_TABLES = ("controller", "observer", "predictor")
-"""Tables of a scenario that say how it is controlled."""
+MAX_PUSH_M_S = 3.0
+"""Largest push along an axis, m/s: as far as the page can be dragged."""
 
 
 @dataclass(frozen=True)
@@ -265,8 +273,9 @@ class Driven:
         return replace(self, goals=goals)
 
     def push(self, time: float, x_rate: float, y_rate: float) -> Driven:
-        """With one more push; change of the ball's velocity in m/s."""
-        return replace(self, pushes=(*self.pushes, (time, x_rate, y_rate)))
+        """With one more push: change of the ball's velocity in m/s, at most `MAX_PUSH_M_S`."""
+        x, y = np.clip((x_rate, y_rate), -MAX_PUSH_M_S, MAX_PUSH_M_S).tolist()
+        return replace(self, pushes=(*self.pushes, (time, x, y)))
 
     def settings(self, time: float, values: Mapping[str, Any]) -> Driven:
         """With new values of keys from a time in s on.
@@ -363,7 +372,7 @@ def _with_change(
 
 
 class Part(NamedTuple):
-    """What was driven until now, as it is handed to whoever writes it.
+    """The drive until now, as it is handed to the writer.
 
     Attributes:
         driven: By the person.

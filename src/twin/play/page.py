@@ -1,4 +1,4 @@
-"""The page of one browser: the plate, what it does, and what a person may change."""
+"""The page of one browser: the plate, its motion, and the controls for a person."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Slider(NamedTuple):
         low: Least of what is shown.
         high: Largest.
         step: From one value to the next.
-        help: What it does, in a sentence.
+        help: Its effect, in a sentence.
     """
 
     key: str
@@ -193,7 +193,7 @@ MOVING, MOVED = "update:model-value", "change"
 
 
 class Page:
-    """What one browser shows.
+    """View of one browser.
 
     Args:
         status: How things are.
@@ -220,7 +220,7 @@ class Page:
             self._error = ui.label().style(figures).props("data-testid=error")
             self._clock = ui.label().style(figures)
             self._role = ui.label().style("color:#5b6770")
-        # what does not fit beside each other, on a phone, stands below each other
+        # a narrow page, as on a phone, stacks these in a column
         with ui.row().style("width:100%;gap:1rem;align-items:stretch"):
             with ui.column().style("flex:99 1 20rem;min-width:0;gap:.5rem"):
                 with ui.card().style("width:100%;padding:.6rem"):

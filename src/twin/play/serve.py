@@ -42,7 +42,7 @@ from twin.view.viewer import bound
 
 PICTURE_BUFFER_ROWS = 1024
 """Pictures that wait to be fetched: 20 s of them."""
-START_TIMEOUT_S = 60.0
+SERVER_START_TIMEOUT_S = 60.0
 """Seconds that the process may take to start."""
 STOP_TIMEOUT_S = 30.0
 """Seconds that it may take to end, with what is still to be saved."""
@@ -77,8 +77,10 @@ class Simulation:
         try:
             while not statuses and self.failure is None:
                 statuses = self.news(wait=0.1)
-                if monotonic() - begun > START_TIMEOUT_S:
-                    raise TwinError(f"the simulation does not start within {START_TIMEOUT_S:g} s")
+                if monotonic() - begun > SERVER_START_TIMEOUT_S:
+                    raise TwinError(
+                        f"the simulation does not start within {SERVER_START_TIMEOUT_S:g} s"
+                    )
             if self.failure is not None:
                 raise TwinError(self.failure)
         except BaseException:
@@ -211,8 +213,8 @@ def is_loopback(host: str) -> bool:
 def require_token(app: App, token: str = "") -> App:
     """An ASGI application that passes only permitted requests to the application it wraps.
 
-    A page of another origin may not, whatever browser it runs in: neither open a connection nor,
-    by a name that leads to this machine, read what is served.
+    A page of a foreign origin may not, whatever browser it runs in: neither open a connection nor,
+    by a name that leads to this machine, read the served files.
 
     Args:
         app: Who answers.
@@ -257,7 +259,7 @@ def require_token(app: App, token: str = "") -> App:
 
 
 class Audience:
-    """Who looks, in the order in which they came.
+    """Browsers that look, in the order in which they came.
 
     Args:
         clock: Seconds.
@@ -272,7 +274,7 @@ class Audience:
 
     @property
     def driver(self) -> str | None:
-        """Who drives."""
+        """The browser that drives."""
         return self._there[0] if self._there else None
 
     def come(self, who: str) -> None:
@@ -290,12 +292,12 @@ class Audience:
 
     @property
     def gone(self) -> bool:
-        """Whether everybody has left for good."""
+        """Whether all browsers have left for good."""
         return self._left is not None and self._clock() - self._left > self._patience
 
 
-PICTURE_INTERVAL_S = 1 / 32
-"""Seconds from one picture that is sent to the next."""
+MIN_SENDING_INTERVAL_S = 1 / 32
+"""Shortest time in s between two pictures that are sent."""
 RECONNECT_TIMEOUT_S = 15.0
 """Seconds to wait for a browser that does not answer, on a busy machine; a closed one counts as
 disconnected at once."""
@@ -313,12 +315,12 @@ def library() -> None:
 
 MAX_LINES = 10
 """Lines about what browsers sent; what follows is counted."""
-LOGGERS = ("nicegui", "socketio.server", "engineio.server", "uvicorn.error", "asyncio")
-"""Who of the server's libraries tells what went wrong, each with the stack of its calls."""
+SERVER_LOGGERS = ("nicegui", "socketio.server", "engineio.server", "uvicorn.error", "asyncio")
+"""Loggers of the server's libraries that report errors, each with a stack trace."""
 
 
 class Lines(logging.Handler):
-    """What libraries log, each in one line and few of them.
+    """Passes the log messages of libraries on, each in one line and few of them.
 
     Args:
         tell: Receives a line.
@@ -352,7 +354,7 @@ def in_lines(tell: Callable[[str], None]) -> Iterator[None]:
     Args:
         tell: Receives a line.
     """
-    lines, loggers = Lines(tell), [logging.getLogger(name) for name in LOGGERS]
+    lines, loggers = Lines(tell), [logging.getLogger(name) for name in SERVER_LOGGERS]
     before = [(each, each.handlers[:], each.propagate) for each in loggers]
     try:
         for each in loggers:
@@ -505,7 +507,7 @@ class Server:
         begun()
         begin = monotonic()
         while True:
-            await asyncio.sleep(PICTURE_INTERVAL_S)
+            await asyncio.sleep(MIN_SENDING_INTERVAL_S)
             self._hand_on()
             out_of_time = self._seconds is not None and monotonic() - begin > self._seconds
             self.failure = self._simulation.failure

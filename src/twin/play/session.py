@@ -30,7 +30,7 @@ class Goal(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What the ball's velocity changes by at once, m/s, plate axes."""
+    """Sudden change of the ball's velocity, m/s, plate axes."""
 
     x_rate: float
     y_rate: float
@@ -81,7 +81,7 @@ Inbox = Callable[[float], Sequence[Event]]
 MAX_AHEAD_S = 0.004
 """Seconds the simulation may be ahead of the clock, so that it need not sleep every period."""
 MAX_BEHIND_S = 0.1
-"""Seconds behind the clock from which on it is no longer caught up with."""
+"""Largest delay behind the clock in s that the simulation makes up for."""
 FACTOR_WINDOW_S = 1.0
 """Seconds over which the real-time factor is taken."""
 
@@ -90,7 +90,7 @@ class Pace:
     """When a simulated time is due by the clock.
 
     Args:
-        clock: Seconds of the wall clock; another one for tests.
+        clock: Seconds of the wall clock; tests give their own.
     """
 
     def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
@@ -124,7 +124,7 @@ class Pace:
 
 
 PAGE_TABLES = read_packaged("twin.play", "page.toml")
-"""What the page shows, and of what."""
+"""Fields of the page, and where their values come from."""
 PICTURE_COLUMNS = tuple(PAGE_TABLES["columns"])
 """Numbers of one picture: s, m, rad; the effort is the RMS of the plate's acceleration, rad/s^2,
 since the picture before; ``factor`` is the simulated seconds a second of the clock."""
@@ -149,13 +149,13 @@ class Errors:
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Of rig and clean model in m; NaN of a ball that has left the plate."""
+        """Errors of rig and clean model in m; NaN for a ball that has left the plate."""
         (_, rig, clean), count = self._sums[-1], max(1, len(self._sums) - 1)
         return math.sqrt(rig / count), math.sqrt(clean / count)
 
 
 class Status(NamedTuple):
-    """What the page says in words; sent when it changes.
+    """The texts of the page; sent when they change.
 
     Attributes:
         tables: The scenario as it is now.
@@ -173,7 +173,7 @@ class Status(NamedTuple):
 
 
 Show = Callable[[tuple[float, ...]], None]
-"""Is given the numbers of a picture, in the order of ``COLUMNS``."""
+"""Called with the numbers of a picture, in the order of ``PICTURE_COLUMNS``."""
 Tell = Callable[[Status], None]
 
 
@@ -184,18 +184,18 @@ IDLE_WAIT_S = 0.05
 
 
 class _RestartLoop(Exception):  # noqa: N818  no error: a stretch of the run is over
-    """The loop is left and entered again, with another state, controller or record."""
+    """The loop is left and entered again, with a new state, controller or record."""
 
 
 class Session:
-    """One rig, its clean model beside it, and the person who drives them.
+    """One rig, its clean model, and the person who drives them.
 
     Args:
         scenario: What to begin with.
         inbox: Where the person's events come from.
-        show: Is given the numbers of a picture.
-        tell: Is told what is said in words.
-        pace: Holds it to the clock.
+        show: Called with the numbers of a picture.
+        tell: Called with the texts of the page.
+        pace: Keeps it in step with the clock.
         write: Writes what is to be saved; elsewhere, so that the simulation need not wait.
         paused: Whether time stands still to begin with.
 
@@ -228,7 +228,7 @@ class Session:
         self._events: deque[Event] = deque()
         self._over = self._again = False
         self._paused = paused
-        self._tell, self._status, self._told = tell, Status({}), Status({})
+        self._tell, self._status, self._sent = tell, Status({}), Status({})
         self._every = max(1, round(PICTURE_INTERVAL_S / scenario.rig.period))
         self._both = DrivenRig(self.driven)
         rig = self._both.rig
@@ -294,6 +294,7 @@ class Session:
                 self._both.follow(self.driven.reference)
             case Push(x_rate, y_rate):
                 self.driven = self.driven.push(time, x_rate, y_rate)
+                _, x_rate, y_rate = self.driven.pushes[-1]
                 self._both.push(x_rate, y_rate)
                 self._keep(measurement)
                 self._note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")
@@ -303,7 +304,7 @@ class Session:
                 self._do_ended(event, time)
 
     def _do_ended(self, event: Event, time: float) -> None:
-        """What can be done of a run that has ended, too."""
+        """Handle an event that is possible after the end of a run, too."""
         match event:
             case Pause(paused):
                 self._paused = paused
@@ -323,7 +324,7 @@ class Session:
                 raise TwinError("the run has ended; go back first")
 
     def _stand(self) -> None:
-        """The run has ended: it can be saved, and gone back from."""
+        """Wait after the end of the run, which can still be saved or set back."""
         assert self.outcome is not None
         time = self.record.end
         self._show(self._picture(time))
@@ -389,10 +390,10 @@ class Session:
         return self._both.picture(time, self.driven, last, self._pace.factor)
 
     def _note(self, message: str, *, wrong: bool = False) -> None:
-        """Have a message to be told next."""
+        """Set the message that is sent next."""
         self._status = self._status._replace(message=message, wrong=wrong)
         if wrong:
-            self._told = Status({})  # told again, as the page may show what was refused
+            self._sent = Status({})  # sent again, as the page may show the refused value
 
     def _say(self, time: float) -> None:
         """Tell how things are, with the last message, if anything has changed."""
@@ -401,6 +402,6 @@ class Session:
         ended = self.outcome
         why = "" if ended is None else f"{ended.ending}: {ended.reason}".rstrip(": ")
         status = self._status._replace(tables=tables, paused=self._paused, ended=why)
-        if status != self._told:
-            self._told = self._status = status
+        if status != self._sent:
+            self._sent = self._status = status
             self._tell(status)

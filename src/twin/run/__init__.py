@@ -1,1 +1,1 @@
-"""From a scenario to a recorded run: assemble, drive, record, measure, draw, replay."""
+"""Runs of a scenario: assemble, drive, record, measure, draw, replay."""

@@ -1,4 +1,4 @@
-"""From scenarios to the objects that run them: N simulated rigs and the controller of each.
+"""Builds the objects that run scenarios: N simulated rigs and the controller of each.
 
 There is one way: N scenarios make N rigs, one is N = 1. Whatever the scenarios say differently of
 plant, surface, drives, sensors, cams, limits, start, law, observer and reference becomes an array
@@ -78,7 +78,7 @@ def build_plant(
 
 
 def assumed_transmission(scenario: Scenario) -> Transmission:
-    """What the rig of a scenario believes of its cams; the mechanism is built only for its ratio.
+    """Cam transmission that a scenario's rig assumes; the mechanism is built only for its ratio.
 
     Raises:
         ModelError: If the mechanism or its cam table cannot be used.
@@ -112,7 +112,7 @@ def differ(old: Sequence[Scenario], new: Sequence[Scenario], *classes: type) -> 
 
 
 def parts_of(scenario: Scenario) -> Parts:
-    """What of a rig's mechanism differs from the model file."""
+    """Parts of a rig's mechanism that differ from the model file."""
     lengths, plant = from_scenarios(Linkage, [scenario]), scenario.plant
     other: dict[str, Any] = {"linkage": lengths} if lengths.given else {}
     if other or (plant.kind == "mujoco" and plant.size != SCREEN_SIZE_M):
@@ -121,7 +121,7 @@ def parts_of(scenario: Scenario) -> Parts:
 
 
 def drawn_mechanism(scenario: Scenario) -> MjModel:
-    """The mechanism of a scenario to look at, of another plate only that."""
+    """The mechanism of a scenario for a picture; a plate of a different size is drawn alone."""
     from twin.sim.plant.model import drawn_model  # noqa: PLC0415  heavy: loaded when needed
 
     screen, area, _, rounded = scenario.dimensions
@@ -129,7 +129,7 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
 
 
 def linkage_of(scenario: Scenario) -> Transmitting | None:
-    """What lies between servos and plate of a scenario: its linkage or table, if it has one."""
+    """Transmission between servos and plate of a scenario: its linkage or table, if it has one."""
     found = from_scenarios(Linkage, [scenario]), from_scenarios(TiltTable, [scenario])
     return next((each for each in found if each.given), None)
 
@@ -174,7 +174,7 @@ def _mechanism(
 
 
 def _build_transmission(scenarios: Sequence[Scenario], ratio: Number) -> Transmission:
-    """What the rigs know of their linkages, or cams, of a ratio at level."""
+    """Transmissions that the rigs assume: linkages, or cams, of a ratio at level."""
     linkage = linkage_of(scenarios[0])
     kinds = [scenario.rig.cams for scenario in scenarios]
     known: dict[str, Transmission] = {
@@ -196,8 +196,8 @@ class PlantKind(NamedTuple):
 
     Attributes:
         make: From N scenarios and a number of threads; the plant, and what its rigs know of cams.
-        label: What a run on it is called beside runs on others.
-        least: Rigs from which on a batch is calculated in the same way, to the bit, however many.
+        label: Label of a run on it among runs on other plants.
+        least: Smallest batch that gives the same bits as any larger one.
         change: Lets it go on as scenarios say; by default it cannot.
         rebuild: Lets rigs of some numbers be what the scenarios of all say.
         foresee: Does ahead of time what takes long of ``change``.
@@ -252,7 +252,7 @@ def register(name: str, kind: PlantKind) -> None:
 
 @lru_cache(maxsize=8)
 def _table(kind: str) -> Transmission:
-    """What a rig knows of its cams."""
+    """Cam transmission that a rig assumes."""
     table = CamTable.packaged()
     return table.per_axis() if kind == "per_axis" else table
 
@@ -271,25 +271,25 @@ def _friction(scenarios: Sequence[Scenario]) -> Friction:
 
 
 _surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values()))
-"""What a scenario says of its surface."""
+"""The surface settings of a scenario."""
 
 
 @lru_cache(maxsize=4096)
 def _draw_surface(
-    said: tuple[Any, ...], size: tuple[float, float], ball: BallPlate
+    given: tuple[Any, ...], size: tuple[float, float], ball: BallPlate
 ) -> SurfaceMap | None:
     """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
-    given = zip(settings_of(SurfaceModel).items(), said, strict=True)
-    values = {name: about.unit.to_si(value) for (name, about), value in given}
+    settings = zip(settings_of(SurfaceModel).items(), given, strict=True)
+    values = {name: about.unit.to_si(value) for (name, about), value in settings}
     return SurfaceModel(**values).map(size, ball)
 
 
 Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]
-"""Is given what the scenarios of N rigs said until now, and what they say from now on."""
+"""Called with the former and the new scenarios of N rigs."""
 
 
 class RigChanges:
-    """What changes of N rigs while they run; call it with the time before each period passes.
+    """Changes of N rigs while they run; call it with the time before each period passes.
 
     Args:
         scenarios: One per rig.
@@ -304,11 +304,11 @@ class RigChanges:
         """How many of the times at which something changes have passed."""
 
     def stages(self) -> list[list[Scenario]]:
-        """What the scenarios say from each of those times on."""
+        """Scenarios from each of those times on."""
         return [[at_time(each, time) for each in self.scenarios] for time in self._times]
 
     def now(self) -> list[Scenario]:
-        """What the scenarios say now."""
+        """Present scenarios."""
         if not self.done:
             return list(self.scenarios)
         return [at_time(each, self._times[self.done - 1]) for each in self.scenarios]
@@ -346,8 +346,8 @@ def change_devices(
 
     Args:
         devices: Of N rigs.
-        old: What the scenarios said until now, one per rig.
-        new: What they say now.
+        old: The former scenarios, one per rig.
+        new: The new scenarios.
         plant: Whether the plant is to go on as they say, too.
 
     Raises:
@@ -368,15 +368,15 @@ def change_transmission(
     Args:
         rig: The rigs.
         known: The transmission without errors.
-        old: What the scenarios said until now, one per rig.
-        new: What they say now.
+        old: The former scenarios, one per rig.
+        new: The new scenarios.
     """
     if differ(old, new, simulated.TransmissionError):
         rig.replace_transmission(with_calibration_error(known, new))
 
 
 def without_error(transmission: Transmission) -> Transmission:
-    """What a rig would know of its cams if it made no mistake."""
+    """Cam transmission that a rig would assume without a calibration error."""
     if isinstance(transmission, simulated.WrongTransmission):
         return transmission.known
     return transmission
@@ -468,9 +468,9 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
             "share their computer; give seconds"
         )
     laws = _each(scenarios, [law_of(each) for each in scenarios], build_law)
-    told = [each.model_dump_json(include={"observer", "predictor"}) for each in scenarios]
+    estimation = [each.model_dump_json(include={"observer", "predictor"}) for each in scenarios]
     needs = [(each.designed_on, law.needs) for each, law in zip(scenarios, laws, strict=True)]
-    observers = _each(scenarios, list(zip(told, needs, strict=True)), _observer)
+    observers = _each(scenarios, list(zip(estimation, needs, strict=True)), _observer)
     ways = [(each.reference.model_dump_json(), str(each.rig.limits.area)) for each in scenarios]
     references = _each(scenarios, ways, build_reference)
     for law, observer in zip(laws, observers, strict=True):
@@ -567,7 +567,7 @@ def _design_law(cls: type, choice: str, ticks: int, model: BallPlate) -> Control
 
 
 def law_of(scenario: Scenario) -> tuple[str, BallPlate]:
-    """What tells a scenario's law from others."""
+    """Key that differs between the laws of scenarios."""
     return scenario.controller.model_dump_json(), scenario.designed_on
 
 
@@ -594,7 +594,7 @@ def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Ref
     """The reference of a scenario, which must stay within the operating area.
 
     Args:
-        scenario: Whose.
+        scenario: The scenario with the reference.
         allowed: Operating area |x|, |y| of the rig that it runs on, m; the scenario's by default.
 
     Raises:
@@ -664,7 +664,7 @@ def assemble(
         seeds: Root of the noise, one per rig; made from each scenario's seed by default, so that a
             rig has the same noise alone and in a batch.
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
-        changeable: Whether it may be told of further changes while it runs (``Changes.follow``).
+        changeable: Whether it accepts further changes while it runs (``Changes.follow``).
         unseen: Whether nobody sees how the plate is left, so that it need not be levelled.
         as_alone: As for ``build_plant``.
 
@@ -701,7 +701,7 @@ def build_rig(
         transmission: Plate angles to motor angles, as the rigs believe.
         seeds: Root of the noise, one per rig.
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
-        changeable: Whether they may be changed while they run, also where no scenario says so.
+        changeable: Whether they may be changed while they run, also where no scenario has changes.
     """
     rig = simulated.SimulatedRig(
         build_devices(scenarios, plant, seeds=seeds),
@@ -717,7 +717,7 @@ def build_rig(
 
 
 def batch_keys(scenario: Scenario) -> dict[str, Any]:
-    """What a scenario says of that in which the rigs of a batch must agree, by key."""
+    """Values of the keys that must be equal within a batch."""
     keys = SHARED_KEYS + (SHARED_EXACT if scenario.plant.kind == "lagrange" else ())
     return {key: value_of(scenario, key) for key in keys}
 
@@ -747,7 +747,7 @@ def build_devices(
     Args:
         scenarios: One per rig.
         plant: All of them.
-        period: Control period in s; that of the scenarios by default.
+        period: Control period in s; by default the period of the scenarios.
         seeds: Root of the noise, one per rig.
         touch: Imperfections of the touch screen in place of the scenarios' own.
         encoders: Imperfections of the plate encoders in place of the scenarios' own.
@@ -775,5 +775,5 @@ def start_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
 
 
 def build_limits(scenario: Scenario) -> Limits:
-    """What may be commanded of the rig of a scenario, in SI units."""
+    """Limits of the commands to the rig of a scenario, in SI units."""
     return from_scenarios(Limits, [scenario])

@@ -23,9 +23,9 @@ from twin.run.record import MOST_ROWS
 if TYPE_CHECKING:
     from mcap.records import Schema
 
-SIGNALS = "/signals"
+SIGNALS_TOPIC = "/signals"
 """Topic of an MCAP file of ours that has every column."""
-EXTRA = "mcap"
+BAGS_EXTRA = "mcap"
 """The extra that brings the readers."""
 MAX_MESSAGE_BYTES = 1 << 16
 """Larger messages are pictures and point clouds: they are left out."""
@@ -54,7 +54,7 @@ class _Raw(NamedTuple):
 
 def read_mcap(path: Path) -> ForeignTable:
     """The columns of an MCAP file: those of a run of ours, or every numeric field."""
-    with extra(EXTRA, f"{path.name}: an MCAP file"):
+    with extra(BAGS_EXTRA, f"{path.name}: an MCAP file"):
         from mcap.reader import make_reader  # noqa: PLC0415  of an extra
         from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
     units: dict[str, str] = {}
@@ -67,7 +67,7 @@ def read_mcap(path: Path) -> ForeignTable:
             if attached.media_type == "application/json":
                 metadata[attached.name.removesuffix(".json")] = json.loads(attached.data)
         if units:
-            rows = [message for *_, message in reader.iter_decoded_messages(topics=[SIGNALS])]
+            rows = [message for *_, message in reader.iter_decoded_messages(topics=[SIGNALS_TOPIC])]
             if rows:
                 own = {k: np.array([getattr(row, _field(k)) for row in rows]) for k in units}
                 return ForeignTable(dict(own), units, metadata)
@@ -79,13 +79,13 @@ def read_mcap(path: Path) -> ForeignTable:
 
 
 def _field(name: str) -> str:
-    """What a column is called in a message of ROS."""
+    """Name of a column in a message of ROS."""
     return "".join(c if c.isalnum() or c == "_" else "_" for c in name).lower()
 
 
 def read_bag(path: Path) -> ForeignTable:
     """The columns of a bag of ROS 2 in SQLite that has the definitions of its messages."""
-    with extra(EXTRA, f"{path.name}: a bag of ROS 2"):
+    with extra(BAGS_EXTRA, f"{path.name}: a bag of ROS 2"):
         from mcap.records import Schema  # noqa: PLC0415  of an extra
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
         tables = {name for (name,) in base.execute("select name from sqlite_master")}

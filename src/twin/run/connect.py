@@ -1,4 +1,4 @@
-"""From a rig file to a rig: the real one, or whatever speaks its bytes.
+"""Connects a rig of a rig file: the real one, or any program that speaks its bytes.
 
 Besides how long a controller computes on this computer, and a log of a rig that any program drove,
 from a trace of its bus.
@@ -24,14 +24,14 @@ from twin.devices.own import OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import CamTable, FixedRatio
-from twin.hal.interface import PoweredScreen, PoweredServos, Transmission
+from twin.hal.interface import AXIS_NAMES, PoweredScreen, PoweredServos, Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
-from twin.run.logs import AXIS_NAMES, COLUMN_UNITS, read_csv
+from twin.run.logs import COLUMN_UNITS, read_csv
 from twin.scenario.passed import has_passed
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
-UNPASSED = "`ballplate doctor --move` has not passed under this configuration"
+UNPASSED_REASON = "`ballplate doctor --move` has not passed under this configuration"
 """Why the first motion of a rig is slow."""
 
 
@@ -66,7 +66,7 @@ def connect(
         "reset": reset,
         "relaxed": rig.relaxed(period),
         "plate_lag": scenario.rig.plate_lag,
-        "unchecked": "" if transmission is not None or has_passed(rig) else UNPASSED,
+        "unchecked": "" if transmission is not None or has_passed(rig) else UNPASSED_REASON,
     }
     servos, screen = _devices(rig, Surroundings(period=period, limits=limits, hear=hear))
     if servos.sleep is time.sleep:
@@ -110,7 +110,7 @@ class ComputingTime(NamedTuple):
     """How long a controller computes for a period, on this computer.
 
     Attributes:
-        law: Whose.
+        law: The law.
         period: Control period in s.
         median: In s.
         worst: Exceeded by one period of a thousand, s.
@@ -126,7 +126,7 @@ class ComputingTime(NamedTuple):
         """Run a scenario's controller on its simulated rig, with the priority of a real one.
 
         Args:
-            scenario: Whose.
+            scenario: The scenario with law and observer.
             seconds: Simulated time, after a tenth of it.
 
         Raises:
@@ -188,7 +188,7 @@ def cams_of(rig: RigFile) -> CamTable:
 
 
 def transmission_of(rig: RigFile) -> Transmission:
-    """What is between the motors of a real rig, as they are commanded, and its plate.
+    """Transmission of a real rig from commanded motors to its plate.
 
     Raises:
         ModelError: If its cam table cannot be used.
@@ -220,8 +220,8 @@ def log_of_trace(
         drives: Nodes, scales and signs.
         cams: Plate angles to motor angles.
         home: Plate angles (phi, theta) in rad, shape (2,).
-        touch: CSV file with ``time``, ``measured_x`` and ``measured_y``; its clock is that of the
-            trace, or counts from the first frame.
+        touch: CSV file with ``time``, ``measured_x`` and ``measured_y``; its clock is the clock
+            of the trace, or counts from the first frame.
 
     Returns:
         Columns, shape (K,) each; ``TRACE_UNITS`` has their units.

@@ -45,7 +45,8 @@ def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
     if not NAME_PATTERN.fullmatch(name) or name in RESERVED_NAMES:
         raise RecordError(f"{file}: names in C begin with the name: a-z, 0-9 and _, no keyword")
     texts = sources(name, control_of(scenario), real)
-    texts["reference_run.csv"] = reference_run(scenario)
+    run = reference_run(scenario, scenario.duration)
+    texts["reference_run.csv"] = run.to_csv(index=False, lineterminator="\n")
     folder = file.with_suffix("")
     for each, text in texts.items():
         write_whole(folder / each, text)
@@ -60,8 +61,13 @@ RUN_COLUMNS = (
 """Columns of a reference run: measurement, reference and its derivatives, commanded plate rates."""
 
 
-def reference_run(scenario: Scenario) -> str:
-    """A run of the twin under the scenario's own controller, as CSV with ``RUN_COLUMNS``, SI."""
+def reference_run(scenario: Scenario, duration: float) -> pd.DataFrame:
+    """A run of the twin under the scenario's own controller: ``RUN_COLUMNS``, SI, a row a period.
+
+    Args:
+        scenario: The scenario.
+        duration: Longest time in s.
+    """
     rig, controller = assemble(scenario, unseen=True)
     rows = list[Array]()
     with own_errors(), rig:
@@ -70,7 +76,7 @@ def reference_run(scenario: Scenario) -> str:
         rig.supervisor.angle = measured.y[:, 1::2].copy()
         controller.start(measured)
         rig.start()
-        for _ in range(round(scenario.duration / rig.period)):
+        for _ in range(round(duration / rig.period)):
             step = controller.command(measured)
             applied = rig.write(step.rate)
             controller.applied(applied)
@@ -84,4 +90,4 @@ def reference_run(scenario: Scenario) -> str:
             measured = rig.read()
             if not rig.supervisor.all_running:
                 break
-    return pd.DataFrame(rows, columns=RUN_COLUMNS).to_csv(index=False, lineterminator="\n")
+    return pd.DataFrame(rows, columns=RUN_COLUMNS)

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 RUNS_FOLDER = Path("runs")
-"""Folder of the working folder in which every run has its own, unless another one is given."""
+"""Folder of the working folder in which every run has a folder by default."""
 NEWEST_RUN = "last"
 """The word that stands for the newest run wherever a run folder is asked for."""
 STREAM_FILE = "run.arrows"
 """The record of a run on a rig while it lasts; it stays where the run was killed."""
 RUN_FILES = ("run.parquet", "metrics.json", "picture.png", STREAM_FILE)
-"""What a run folder holds."""
+"""Files of a run folder."""
 MANIFEST_FILE = "compare.json"
 """File of a comparison that lists the folders of its runs, and their indicators."""
 PICTURE_OF_MANY = "compare.png"
@@ -168,7 +168,7 @@ def is_last(path: Path) -> bool:
 
 
 def record_of(path: Path) -> Path:
-    """The file of a run or log: of a run folder its record, of ``last`` that of the newest run.
+    """The file of a run or log: of a run folder its record, of ``last`` the newest run's record.
 
     Raises:
         RecordError: If ``last`` is asked for and there is none, or the folder holds several runs.
@@ -196,7 +196,7 @@ def is_record(file: Path) -> bool:
 
 
 def run_name(path: Path) -> str:
-    """What a run or log is called: a record by its folder, any other file by its own name."""
+    """Name of a run or log: of a record its folder, of any other file its own name."""
     file = record_of(path)
     return file.resolve().parent.name if is_record(file) else file.stem
 
@@ -223,7 +223,7 @@ def _records(folder: Path) -> Iterator[Path]:
 
 
 TEXT_SUFFIXES = {".csv", ".txt", ".tsv", ".dat", ".log"}
-"""What logs are called."""
+"""File names of logs."""
 IGNORED_SUFFIXES = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
 """Endings of files that lie next to runs, as a pattern finds them."""
 
@@ -283,7 +283,7 @@ BAG_SUFFIXES = {".mcap", ".db3"}
 
 
 def log_file(path: Path) -> Path:
-    """The file of a recorded run or log; of the folder of a bag of ROS 2 that of its messages.
+    """The file of a recorded run or log; of the folder of a bag of ROS 2 its file of messages.
 
     Raises:
         TwinError: If there is none, or the bag has several.
@@ -327,7 +327,7 @@ MOTION_INDICATORS = tuple(
     for name in INDICATORS
     if name not in {"outcome", "outcome_time", "judged_from", "real_time_factor", *BOARD_INDICATORS}
 )
-"""Those that evaluate a motion."""
+"""Indicators that evaluate a motion."""
 LOST_ENDINGS = ("fell", "lost", "diverged")
 """Endings after which no error is shown: a lost ball has none."""
 
@@ -354,8 +354,8 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
         about: What else there is to tell, by name: attachments of an MCAP file, in JSON.
 
     Raises:
-        RecordError: If the ending is none of these, what it needs is lacking, or the file cannot be
-            written.
+        RecordError: If the ending is none of these, a package for it is missing, or the file cannot
+            be written.
     """
     write = WRITERS.get(path.suffix)
     if write is None:
@@ -402,7 +402,7 @@ def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
 
 ROS2_TABLES = read_toml(Path(__file__).with_name("ros2.toml"))
 """Topics of an MCAP file, and the messages of ROS 2 on them."""
-UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+UPRIGHT_ORIENTATION = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 """The orientation of the frame itself, as a quaternion."""
 
 
@@ -441,7 +441,7 @@ def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
                 of_it = [now[name] for name in each["columns"]]
                 joints = {"position": of_it[:2], "velocity": of_it[2:], "effort": []}
                 position = dict(zip("xyz", (*of_it[:2], 0.0), strict=False))
-                pose = {"pose": {"position": position, "orientation": UPRIGHT}}
+                pose = {"pose": {"position": position, "orientation": UPRIGHT_ORIENTATION}}
                 # an encoder takes of it what its message has
                 content, schema = message | joints | pose, schemas[each["message"]]
                 writer.write_message(topic, schema, content, nanoseconds, sequence=row)

@@ -36,7 +36,7 @@ from twin.run.picture import RC_PARAMETERS, RUN_COLOURS, literal
 
 DESIGN_WIDTH = 600
 """Width in which all lengths below are given; pictures of other sizes are in proportion."""
-PANEL_PLACES = {
+FILM_PANEL_PLACES = {
     "plate": (16, 194, 498, 281),
     "front": (16, 124, 498, 60),
     "right": (524, 194, 60, 281),
@@ -45,7 +45,7 @@ PANEL_PLACES = {
 """Left, bottom, width and height of each panel."""
 LEGEND_LEFT, LEGEND_ROW_HEIGHT, LEGEND_TITLE_HEIGHT = 478, 40, 48
 """Where the legend begins, height of each of its rows, and of the title above it."""
-CARD, DARK, GREY, PATH, FAINT = "#f0f3f6", "#1f2933", "#5b6772", "#bac3cb", "#d5dbe1"
+CARD, DARK, NEUTRAL_GREY, PATH, FAINT = "#f0f3f6", "#1f2933", "#5b6772", "#bac3cb", "#d5dbe1"
 UNIT_CIRCLE = np.array([(math.cos(0.2 * k), math.sin(0.2 * k)) for k in range(33)]).T
 """A circle of radius 1."""
 RING_RADII = (1.0, 0.74, 0.5, 0.87, 0.62)
@@ -67,7 +67,7 @@ class Cut:
         fps: Frames a second.
         since: Time of the run at which it begins, s; None for the first.
         until: Time at which it ends, s; None for the last of the longest run.
-        seconds: How long the picture lasts, s; None for as long as what it shows.
+        seconds: How long the picture lasts, s; None for the duration of the shown time.
         size: Its width in pixels.
         render: ``plate``: from above; ``mujoco``: of the first run the mechanism in 3D instead.
 
@@ -113,7 +113,7 @@ class Cut:
 
 
 class Act:
-    """What a run does in the frames.
+    """Motion of a run in the frames.
 
     Args:
         run: The run.
@@ -267,7 +267,7 @@ class Film:
         self._acts = [Act(run, self.times) for run in runs.values()]
         first = next(iter(runs.values())).scenario.dimensions
         self._screen, self._ball, self._round = np.array(first.screen), first.ball, first.round
-        room = self._screen / PANEL_PLACES["plate"][2:]
+        room = self._screen / FILM_PANEL_PLACES["plate"][2:]
         self._shown = self._screen * np.maximum(1, np.round(room[::-1] / room, 2))
         """What the panel shows, m: as wide and high as the plate where that has its shape."""
         self._columns = len(runs) if len(runs) < 5 else 3
@@ -284,7 +284,7 @@ class Film:
             self._canvas: Any = FigureCanvasAgg(self._figure)
             self._panels = {
                 name: self._figure.add_axes((*each[:2] / self._whole, *each[2:] / self._whole))
-                for name, each in PANEL_PLACES.items()
+                for name, each in FILM_PANEL_PLACES.items()
             }
             self._lay_out()
             self._letter(runs, [self._add(*each) for each in enumerate(self._acts)])
@@ -299,17 +299,21 @@ class Film:
     def _lay_out(self) -> None:
         """Say what each panel shows, and draw what no run changes."""
         (x, y), panels = self._shown / 2, self._panels
-        thick = x * PANEL_PLACES["front"][3] / PANEL_PLACES["front"][2]
+        thick = x * FILM_PANEL_PLACES["front"][3] / FILM_PANEL_PLACES["front"][2]
         edges = {"plate": (x, y), "front": (x, thick), "right": (thick, y)}
         for name, (width, height) in edges.items():
             panels[name].set(xlim=(-width, width), ylim=(-height, height), xticks=[], yticks=[])
-            panels[name].spines[:].set(color=GREY if name == "plate" else FAINT, linewidth=0.7)
+            panels[name].spines[:].set(
+                color=NEUTRAL_GREY if name == "plate" else FAINT, linewidth=0.7
+            )
         panels["plate"].plot(0, 0, "+", color=FAINT, ms=18)
         if self._round or (self._shown > self._screen).any():
             turn = np.linspace(0, 2 * np.pi, 181)
             corners = np.array([(1, 1, -1, -1, 1), (1, -1, -1, 1, 1)])
             corners = np.array((np.cos(turn), np.sin(turn))) if self._round else corners
-            panels["plate"].plot(*(self._screen[:, None] / 2 * corners), color=GREY, linewidth=0.7)
+            panels["plate"].plot(
+                *(self._screen[:, None] / 2 * corners), color=NEUTRAL_GREY, linewidth=0.7
+            )
         panels["front"].axhline(0, color=FAINT, linewidth=1)
         panels["right"].axvline(0, color=FAINT, linewidth=1)
         error, span = panels["error"], self.times[-1] - self.times[0]
@@ -317,7 +321,7 @@ class Film:
         error.spines[:].set_visible(False)
         error.xaxis.set_major_locator(MaxNLocator(8))
         error.yaxis.set_major_locator(MaxNLocator(3))
-        error.tick_params(labelsize=7, labelcolor=GREY, length=0, pad=2)
+        error.tick_params(labelsize=7, labelcolor=NEUTRAL_GREY, length=0, pad=2)
         tilts = np.abs(self._acts[0].tilt)
         steepest = float(tilts[np.isfinite(tilts)].max(initial=1e-3))
         self._steep = min(MAX_TILT_FACTOR, max(1, int(math.asin(0.73 * thick / x) / steepest)))
@@ -340,7 +344,7 @@ class Film:
             entry.set(mfc="none", mew=1.8, ms=12 * RING_RADII[index - 1])
         else:  # a disc
             radius = self._ball / 2
-            thick = self._ball / self._shown[0] * PANEL_PLACES["plate"][2] * 0.72
+            thick = self._ball / self._shown[0] * FILM_PANEL_PLACES["plate"][2] * 0.72
             rod = np.stack((act.goal, act.ball), axis=2)
             self._moves("plate", rod.__getitem__, color=colour, linewidth=1, zorder=4.5)
         look = {"color": colour, "linewidth": thick, "zorder": 5 + index / 10}
@@ -387,9 +391,9 @@ class Film:
         self._clock.set(fontweight="bold")
         fast = (self.times[-1] - self.times[0]) * self.fps / self.count
         if abs(fast - 1) > 0.02 and self.count > 1:
-            self._write(DESIGN_WIDTH - 90, high, f"{fast:.2g}× speed", 8, GREY, ha="right")
-        self._write(554, 146, f"tilt\n× {self._steep}", 8, GREY, ha="center")
-        self._write(16, 104, "distance from the reference (+) [mm] over time [s]", 8, GREY)
+            self._write(DESIGN_WIDTH - 90, high, f"{fast:.2g}× speed", 8, NEUTRAL_GREY, ha="right")
+        self._write(554, 146, f"tilt\n× {self._steep}", 8, NEUTRAL_GREY, ha="center")
+        self._write(16, 104, "distance from the reference (+) [mm] over time [s]", 8, NEUTRAL_GREY)
 
     def _write(self, x: float, y: float, text: str, size: int, colour: str, **more: Any) -> Text:
         x, y = (x, y) / self._whole
@@ -448,7 +452,7 @@ def _palette(own: tuple[str, ...]) -> Image.Image:
 
     Its tones towards both grounds are those of edges.
     """
-    inks = np.array([to_rgb(ink) for ink in (*own, DARK, GREY, PATH, FAINT)])
+    inks = np.array([to_rgb(ink) for ink in (*own, DARK, NEUTRAL_GREY, PATH, FAINT)])
     grounds = np.array([to_rgb(ground) for ground in ("white", CARD)])
     share = np.linspace(0, 1, 254 // (2 * len(inks)), endpoint=False)[:, None, None, None]
     tones = np.reshape(share * grounds[:, None] + (1 - share) * inks, (-1, 3))

@@ -184,7 +184,7 @@ class Run(files.Signals):
         return self.metrics.get("reason") == INTERRUPTED_REASON
 
     def summary(self) -> dict[str, Any]:
-        """What ``--json`` prints: the indicators, and of a run just made the speed."""
+        """Output of ``--json``: the indicators, and of a run just made the speed."""
         made: dict[str, Any] = {}
         if self.record is not None:
             speed = self.real_time_factor
@@ -267,7 +267,7 @@ class Run(files.Signals):
 
     @cached_property
     def motion(self) -> Motion:
-        """What ball and plate did."""
+        """Motion of ball and plate."""
         state = states_of(self.rows)
         applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
         time = self.rows["time"]
@@ -342,9 +342,9 @@ def run(
     )
 
 
-SPEED = 0.01
+MIN_MENTIONED_SPEED_M_S = 0.01
 """Speed in m/s at the start that is worth a word."""
-FAR = 0.02
+MIN_WARNED_DISTANCE_M = 0.02
 """Distance in m of the path that a law lays from the reference that is worth a warning."""
 
 
@@ -352,7 +352,7 @@ def out_of_reach(scenario: Scenario) -> str | None:
     """One line if the plate cannot give a scenario's reference, with the figures; else None.
 
     For a law that plans a path of its own: the distance of that path from the reference, if more
-    than ``FAR``; for any other: the requested acceleration.
+    than ``MIN_WARNED_DISTANCE_M``; for any other: the requested acceleration.
 
     Raises:
         ScenarioError: If law or reference refuse their settings.
@@ -372,10 +372,10 @@ def out_of_reach(scenario: Scenario) -> str | None:
     laid = law.planned_path(x, reference, period, count)
     away = np.hypot(*(laid - desired[0]).T)
     far = 0.0 if np.isnan(away).all() else float(np.nanmax(away))
-    if far < FAR:
+    if far < MIN_WARNED_DISTANCE_M:
         return None
     speed, why = np.abs(desired[1, 0]).max(), []
-    if speed > SPEED:
+    if speed > MIN_MENTIONED_SPEED_M_S:
         why.append(f"{speed:.2g} m/s at the start, from rest")
     if asked > (given := law.model.k1 * law.slope):
         why.append(f"up to {asked:.3g} m/s^2, where {given:.2g} are planned with")
@@ -440,7 +440,7 @@ def save_record(run: Run, folder: Path) -> None:
 
 
 def draw(
-    run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
+    run: Run, folder: Path, shown: dict[str, Motion], helper: SecondProcess | None = None
 ) -> None:
     """Write the picture of a run folder.
 
@@ -448,12 +448,12 @@ def draw(
         run: The run.
         folder: Where; made if missing.
         shown: Motions for the picture, by label.
-        beside: A process that draws, if there is one.
+        helper: A process that draws, if there is one.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
-    begin = beside.begin if beside else partial
+    begin = helper.begin if helper else partial
     picture = begin(draw_runs, shown, run.scenario.title, run.scenario.dimensions)
     write_whole(folder / "picture.png", picture())
 
@@ -484,7 +484,7 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
 
 
 def run_metadata(scenario: Scenario) -> dict[str, Any]:
-    """What of a record's metadata is known before its run."""
+    """Metadata of a record that are known before its run."""
     tables, classes = scenario.model_dump(mode="json"), classes_of(scenario)
     return {"scenario": tables, "classes": classes, "versions": versions()}
 
@@ -502,7 +502,7 @@ def load_drawing() -> None:
 
 
 def versions() -> dict[str, str]:
-    """What produced a record: this project, its numerical libraries, Python."""
+    """Producer of a record: this project, its numerical libraries, Python."""
     names = ("ballplate", "mujoco", "numpy", "scipy", "control")
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
@@ -517,7 +517,7 @@ _OPTIONAL_CHANNELS = {
     "reference",
     "laid",
 }
-NEEDED_COLUMNS = (
+RECORD_COLUMNS_NEEDED = (
     "time",
     *(
         name
@@ -549,7 +549,7 @@ def open_run(path: Path) -> list[Run]:
     """
     file = files.record_of(path)
     values, units, metadata = read_run(file)
-    missing = [name for name in NEEDED_COLUMNS if name not in values]
+    missing = [name for name in RECORD_COLUMNS_NEEDED if name not in values]
     for group in COLUMN_GROUPS:
         if not values.keys().isdisjoint(group):
             missing += [name for name in group if name not in values]
@@ -663,7 +663,7 @@ def holds_finished(folder: Path) -> bool:
 
 
 def incomplete_of(folder: Path) -> list[str]:
-    """What a folder's record reports as missing of it or of its trace, a line each."""
+    """Remarks on missing parts in a folder's record or trace, a line each."""
     found = _metadata(folder).get("incomplete")
     return list(map(str, found)) if isinstance(found, list) else []
 

@@ -23,28 +23,28 @@ from twin.run.readers import (
     read_tdms,
 )
 
-_PYTHON = "in Python: "
-_UNPACK = "unpack it first"
-_SAVE = "save the sheet as CSV"
-HOW = {
-    "JSON file": f"{_PYTHON}pandas.read_json('{{name}}').to_csv('log.csv', index=False)",
-    "Python pickle": f"{_PYTHON}write what it holds with pandas.DataFrame(...).to_csv('log.csv')",
+_IN_PYTHON = "in Python: "
+_UNPACK_ADVICE = "unpack it first"
+_SAVE_ADVICE = "save the sheet as CSV"
+CONVERSIONS_BY_KIND = {
+    "JSON file": f"{_IN_PYTHON}pandas.read_json('{{name}}').to_csv('log.csv', index=False)",
+    "Python pickle": f"{_IN_PYTHON}write its data with pandas.DataFrame(...).to_csv('log.csv')",
     "text file of Octave": "in Octave: load {name}; csvwrite('log.csv', [t x u]) with its names",
-    "Excel file (.xls)": _SAVE,
-    "OpenDocument file (.ods)": _SAVE,
+    "Excel file (.xls)": _SAVE_ADVICE,
+    "OpenDocument file (.ods)": _SAVE_ADVICE,
     "ROS bag": "rostopic echo -b {name} -p /TOPIC > log.csv",
     "gzip file": "gunzip {name}",
     "bzip2 file": "bunzip2 {name}",
     "xz file": "unxz {name}",
     "Zstandard file": "unzstd {name}",
-    "ZIP archive": _UNPACK,
-    "7-Zip archive": _UNPACK,
-    "RAR archive": _UNPACK,
-    "tar archive": _UNPACK,
-    "measurement file (.mf4)": f"{_PYTHON}asammdf.MDF('{{name}}').export('csv')",
+    "ZIP archive": _UNPACK_ADVICE,
+    "7-Zip archive": _UNPACK_ADVICE,
+    "RAR archive": _UNPACK_ADVICE,
+    "tar archive": _UNPACK_ADVICE,
+    "measurement file (.mf4)": f"{_IN_PYTHON}asammdf.MDF('{{name}}').export('csv')",
     "CAN trace of Vector (.blf)": "ballplate trace {name} --rig RIG --touch TOUCH --log log.csv",
 }
-"""What makes a readable file of one of a kind; ``{name}`` is the file."""
+"""Command that converts a file of a kind to a readable one; ``{name}`` is the file."""
 
 
 def foreign_table(path: Path) -> ForeignTable | None:
@@ -62,7 +62,7 @@ def foreign_table(path: Path) -> ForeignTable | None:
     kind = kind_of(path)
     if not kind:
         return None
-    if (read := READERS.get(kind)) is None:
+    if (read := READERS_BY_KIND.get(kind)) is None:
         raise _refusal(path, kind)
     try:
         with warnings.catch_warnings():
@@ -89,7 +89,7 @@ def refuse_foreign(path: Path) -> None:
 
 
 def _refusal(path: Path, kind: str) -> LogError:
-    how = HOW.get(kind, "").format(name=path.name)
+    how = CONVERSIONS_BY_KIND.get(kind, "").format(name=path.name)
     advice = f": {how}" if how else ""
     return LogError(
         f"{path.name}: is {with_article(kind)}; logs are text with columns (CSV), or one of "
@@ -97,7 +97,7 @@ def _refusal(path: Path, kind: str) -> LogError:
     )
 
 
-READERS: dict[str, Callable[[Path], ForeignTable]] = {
+READERS_BY_KIND: dict[str, Callable[[Path], ForeignTable]] = {
     "MCAP file": read_mcap,
     "SQLite database": read_bag,
     "Parquet file": read_parquet,

@@ -18,7 +18,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError, one_line, shorten
 from twin.base.foreign import decode_text
-from twin.hal.interface import SCREEN_SIZE_M
+from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M
 from twin.hal.supervisor import State
 from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
@@ -227,7 +227,6 @@ COLUMN_UNITS = {"time": "s"} | {
 """Columns of a run and their SI units; others of a log are left out."""
 NEEDED_COLUMNS = ("time", *CHANNELS["measured"].columns)
 """Columns that a log must have."""
-AXIS_NAMES = ("phi", "theta")
 MAX_MEASURED = {
     "measured_x": 0.55 * SCREEN_SIZE_M[0],
     "measured_y": 0.55 * SCREEN_SIZE_M[1],
@@ -294,7 +293,7 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
     Args:
         rows: As ``read_log`` gives them.
         scenario: Its reference, in the log's own time, and its indicators are used.
-        name: What it is called.
+        name: Its name.
     """
     late = scenario.sensors.touch.dead_time + np.nan_to_num(rows.get("age", 0 * rows["time"]))
     if "estimated_x" not in rows:  # nothing is known of the ball from its last frame on
@@ -324,7 +323,7 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
 
 
 def fitting(rows: dict[str, Array], scenario: Scenario) -> list[str]:
-    """What a scenario is to be changed to, to predict a log: how long, and where the ball starts.
+    """Changes of a scenario to predict a log: its duration, and the start of the ball.
 
     Args:
         rows: As ``read_log`` gives them.

@@ -2,9 +2,9 @@
 
 Many scenarios are the rigs of one batch, each with the result it has alone. What a run gives does
 not depend, to the last bit, on what shares its batch: only scenarios that are ``alike`` are put
-together, noise is drawn rig by rig, and foreign laws and plants are in no group smaller than the
-sizes from which on numpy and they calculate in one and the same way. Of rigs within episodes any
-may begin again while the others go on.
+together, noise is drawn rig by rig, and foreign laws and plants are in groups large enough that
+numpy and they calculate in one and the same way. Any rig within an episode may begin again while
+the others go on.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class RunMonitor:
         return len(self.outcomes) == self._rigs
 
     def examine(self, time: float) -> bool:
-        """Look whose numbers have run away, whatever came of it; return whether all have ended."""
+        """Find the rigs that have diverged, by any effect; return whether all have ended."""
         for rig in np.flatnonzero(self._rig.diverged).tolist():
             known = self.outcomes.get(rig)
             if known is None or known.ending is not Ending.DIVERGED:
@@ -122,7 +122,7 @@ def record_and_wait(
     computing: Array | None = None,
     board: Array | None = None,
 ) -> Measurement:
-    """Record a control period whose rate is written, and wait for the next.
+    """Record a control period after its rate was written, and wait for the next.
 
     Args:
         rig: The rigs.
@@ -170,7 +170,7 @@ def drive(
 ) -> list[Outcome]:
     """Run the loop until a time in s and return one outcome per rig.
 
-    A rig whose ball fell, was lost or passed a limit has ended; the loop goes on for the others.
+    A rig with a ball that fell, was lost or passed a limit has ended; the others go on.
     Ctrl-C ends all of them as aborted, with the plate levelled and the record kept; in real time
     so does what a law raises.
 
@@ -180,7 +180,7 @@ def drive(
         duration: Time of the run in s at which it ends.
         recorder: Takes every period in.
         progress: Called with the time in s now and then.
-        begin: Begins in the middle of a run: puts rig and controller, just started, into another
+        begin: Begins in the middle of a run: puts rig and controller, just started, into a saved
             state and returns the measurement of that moment.
         keep: Shown number and measurement of every period before anything is done in it.
     """
@@ -230,18 +230,18 @@ def drive(
 
 ROUNDING_PAIR = 2
 """Matrix products of a foreign law's rigs, a multiple of it, are rounded in the same way, whatever
-the multiple: kernels of OpenBLAS take rows in pairs, and an odd one by another way. Laws of this
-program give each rig the same bits beside any number of others."""
+the multiple: kernels of OpenBLAS take rows in pairs, and an odd one differently. Laws of this
+program give each rig the same bits in a batch of any size."""
 
 SEEN_EVERY = 5
 """Control periods from one instant to the next of what the rig's computer sees."""
 
 
 def alike(scenario: Scenario) -> dict[str, Any]:
-    """What scenarios must have in common to share a batch that changes none of their bits.
+    """Settings that scenarios must share so that a common batch changes none of their bits.
 
-    Besides what the rigs of a batch share, that is what makes a plant or an observer calculate in
-    another way.
+    In addition to the shared keys of a batch, these are the keys that make a plant or an observer
+    calculate in a different way.
     """
     friction = assemble.build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map
@@ -355,11 +355,11 @@ class Episodes:
 
     Rigs are those of ``ballplate run``, noise and limits included. What they look at together stays
     in step with the first of them: every 20 ms the plate is measured again, over 40 ms each the
-    ball's speed is judged. An episode that begins a multiple of 40 ms after them has the same bits
+    ball's speed is checked. An episode that begins a multiple of 40 ms after them has the same bits
     as one that begins with them.
 
     Args:
-        scenarios: One per rig, that of its first episode.
+        scenarios: One per rig, for its first episode.
         threads: Threads of the engine; 0 for one per processor.
 
     Raises:
@@ -367,7 +367,7 @@ class Episodes:
         ModelError: If the mechanism or its cam table cannot be used.
 
     Attributes:
-        scenarios: One per rig, that of its present episode.
+        scenarios: One per rig, of its present episode.
         measurement: The newest: ``y`` = (x, phi, y, theta), shape (N, 4), m and rad.
         applied: Plate rates that were applied in the last period, rad/s, shape (N, 2).
         ticks: Control periods since each episode began, shape (N,).
@@ -395,14 +395,14 @@ class Episodes:
 
     @property
     def over(self) -> Mask:
-        """Rigs whose ball left the plate, was lost or passed a limit, shape (N,)."""
+        """Rigs with a ball that left the plate, was lost or passed a limit, shape (N,)."""
         stopped: Mask = self._rig.supervisor.state != State.RUNNING
         return stopped | self._rig.fallen | self._rig.diverged
 
     def reasons(self, rigs: NDArray[np.integer]) -> list[str]:
         """Why the episodes of some rigs are over, in words."""
-        told, diverged = self._rig.supervisor.reason, self._rig.diverged
-        found = [told[rig] or "ball left the plate" for rig in rigs]
+        stopped, diverged = self._rig.supervisor.reason, self._rig.diverged
+        found = [stopped[rig] or "ball left the plate" for rig in rigs]
         return [RAN_AWAY if ran else text for ran, text in zip(diverged[rigs], found, strict=True)]
 
     def begin(self, rigs: NDArray[np.integer], scenarios: Sequence[Scenario]) -> None:
@@ -494,7 +494,7 @@ def _start_rigs(rig: SimulatedRig) -> Measurement:
 
 
 def _own(seen: Measurement) -> Measurement:
-    """A measurement whose arrays are nobody else's: rigs that begin are put into them."""
+    """A measurement with arrays of its own: the values of rigs that begin are put into them."""
     y, age, touched = seen.y.copy(), seen.age.copy(), seen.touched.copy()
     return Measurement(seen.time, y, age, touched, seen.state)
 

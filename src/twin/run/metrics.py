@@ -33,7 +33,7 @@ class Ending(StrEnum):
 INTERRUPTED_REASON = "interrupted"
 """The reason of a run that Ctrl-C ended."""
 KILLED_REASON = "killed before its end; the record goes as far as it was written"
-"""The reason of a run whose process or computer ended without writing one."""
+"""The reason of a run if its process or computer ended without writing one."""
 RAN_AWAY = "the simulation's numbers ran away"
 """The reason of a run that diverged."""
 
@@ -62,7 +62,7 @@ MAX_TURNING_TIME_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What a run did: K instants of one rig.
+    """Motion of a run: K instants of one rig.
 
     Attributes:
         time: Seconds, shape (K,).
@@ -133,7 +133,7 @@ class Motion:
         return self.reference - self.ball
 
     def until(self, end: float) -> Motion:
-        """What it did up to a time in s."""
+        """The motion up to a time in s."""
         count = int(np.searchsorted(self.time, end + 1e-9, side="right"))
         if count == len(self.time):
             return self

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import textwrap
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from io import BytesIO
 from numbers import Real
 from pathlib import Path
@@ -17,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, Rectangle
@@ -32,7 +35,7 @@ MARKED_PANELS = ("x", "y", "error")
 STRIP_STYLE: Any = {"alpha": 0.6, "linewidth": 0}
 STRIP_HEIGHT = 0.035
 """Height of a strip as a share of a panel's."""
-GREY = "0.5"
+NEUTRAL_GREY = "0.5"
 """Colour of the legend's entry for several runs, each of which has bands in its own."""
 
 
@@ -55,7 +58,7 @@ def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Seque
             panel.fill_between(motion.time, 0, STRIP_HEIGHT, transform=across, **look)
     if shares:
         words = f"held by friction, {' and '.join(dict.fromkeys(shares))} % of the time"
-        panels["plate"].fill_between([], [], [], label=words, facecolor=GREY, **STRIP_STYLE)
+        panels["plate"].fill_between([], [], [], label=words, facecolor=NEUTRAL_GREY, **STRIP_STYLE)
 
 
 # Okabe and Ito's colours, distinct with any colour vision; their orange darker and indigo for
@@ -77,8 +80,8 @@ REFERENCE_STYLE: dict[str, Any] = {
     "zorder": 5,
 }
 SECOND_AXIS_STYLE: dict[str, Any] = {"alpha": 0.55, "linestyle": (0, (4, 1.5))}
-"""Of theta, drawn with phi in one panel."""
-TITLE_WIDTH = 100
+"""Style of theta, which is drawn with phi in one panel."""
+MAX_TITLE_LETTERS = 100
 """Characters in a line of the title."""
 LEGEND_WIDTH = 150
 """Characters in a line of the legend."""
@@ -121,10 +124,42 @@ def style(index: int) -> dict[str, Any]:
     return {"color": RUN_COLOURS[index % len(RUN_COLOURS)], "linestyle": LINE_STYLES[again]}
 
 
+NO_GLYPH = "\N{WHITE SQUARE}"
+"""Stands for a character that no font has."""
+NO_GLYPH_WARNING = (
+    f"pictures: no font in use has some of the characters, {NO_GLYPH} stands for them; "
+    "name a font that has them in a matplotlibrc, as font.family: sans-serif, Noto Sans CJK SC"
+)
+
+
 def literal(text: str) -> str:
-    """A text that somebody chose, as matplotlib shows it as it is: no formula, and in a legend."""
+    """A text that somebody chose, as matplotlib shows it as it is: no formula, and in a legend.
+
+    What no font in use has becomes `NO_GLYPH`, with one warning in all.
+    """
+    if not text.isascii():
+        known = _characters(tuple(mpl.rcParams["font.family"]))
+        shown = "".join(c if ord(c) in known or c.isspace() else NO_GLYPH for c in text)
+        if shown != text:
+            _warn_of_glyphs()
+        text = shown
     plain = text.replace("$", r"\$")
     return f" {plain}" if plain.startswith("_") else plain
+
+
+@cache  # however many pictures there are
+def _warn_of_glyphs() -> None:
+    warnings.warn(NO_GLYPH_WARNING, stacklevel=3)
+
+
+@cache
+def _characters(families: tuple[str, ...]) -> frozenset[int]:
+    """Code points that fonts of these families have, plain and bold."""
+    found: list[set[int]] = []
+    for weight in ("normal", "bold"):
+        fonts = [FontProperties(family=[each], weight=weight) for each in families]
+        found.append({code for font in fonts for code in get_font(findfont(font)).get_charmap()})
+    return frozenset(found[0] & found[1])
 
 
 @contextmanager
@@ -165,7 +200,7 @@ def picture(
 
 
 class PaperFigure(Figure):
-    """A figure whose PDF, PS and SVG files have text as text, in fonts that journals accept."""
+    """A figure with text as text in PDF, PS and SVG files, in fonts that journals accept."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
         """Write it, as ``Figure.savefig`` does."""
@@ -267,11 +302,11 @@ def _draw(panels: Mapping[str, Axes], runs: Mapping[str, Motion], plate: Dimensi
     _label(panels)
     shade(panels, runs, RUN_COLOURS)
     if any(lost):
-        panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
+        panels["plate"].plot([], [], "X", color=NEUTRAL_GREY, label="left the plate")
 
 
 def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
-    """What the curves are, as far as they can be distinguished."""
+    """Description of the curves, as far as they can be distinguished."""
     entries = list(zip(*panel.get_legend_handles_labels(), strict=True))
     entries = [*entries[: min(runs, LOOK_COUNT)], *entries[runs:]]
     columns = max(
@@ -282,7 +317,7 @@ def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
 
 def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: str) -> None:
     """Put all in its place: the legend below, the title above."""
-    lines = textwrap.wrap(title, TITLE_WIDTH, max_lines=3, placeholder=" ...")
+    lines = textwrap.wrap(title, MAX_TITLE_LETTERS, max_lines=3, placeholder=" ...")
     bottom = POINTS_PER_INCH * legend.get_window_extent().height / figure.dpi + ROOM_BELOW_PT
     height = (
         bottom

@@ -1,7 +1,7 @@
 """Readers of measurement files of other programs, one function per format.
 
-Each returns a ``ForeignTable``. None runs or unpickles anything of a file, and each looks at the
-size of what it would read before it does.
+Each returns a ``ForeignTable``. None runs or unpickles anything of a file, and each checks the
+size of the data before it reads them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OBJECT_ADVICE = (
     "is a MATLAB object, which MATLAB alone reads; in MATLAB, of a timeseries: t = {name}.Time; "
     "x = {name}.Data; save('log.mat', 't', 'x'); of a timetable: writetimetable({name}, 'log.csv')"
 )
-EXTRA = "logs"
+LOGS_EXTRA = "logs"
 """The extra that brings the libraries of the rarer formats."""
 
 
@@ -313,7 +313,7 @@ def read_hdf5(path: Path) -> ForeignTable:
 
     Links, data in other files and objects are not followed.
     """
-    with extra(EXTRA, f"{path.name}: an HDF5 file"):
+    with extra(LOGS_EXTRA, f"{path.name}: an HDF5 file"):
         import h5py  # noqa: PLC0415
     with path.open("rb") as opened:
         head = opened.read(16)
@@ -396,7 +396,7 @@ def _structure_array(found: dict[str, Any]) -> Any:
 
 def read_excel(path: Path) -> ForeignTable:
     """The columns of the first sheet with numbers of an Excel file; the row above names them."""
-    with extra(EXTRA, f"{path.name}: an Excel file"):
+    with extra(LOGS_EXTRA, f"{path.name}: an Excel file"):
         from openpyxl import load_workbook  # noqa: PLC0415
     with zipfile.ZipFile(path) as archive:
         _check_bytes(sum(entry.file_size for entry in archive.infolist()), path)
@@ -446,7 +446,7 @@ def _cell(value: Any) -> Any:
 
 def read_tdms(path: Path) -> ForeignTable:
     """The channels of a LabVIEW file as ``GROUP/CHANNEL``, with the times of their waveforms."""
-    with extra(EXTRA, f"{path.name}: a LabVIEW file"):
+    with extra(LOGS_EXTRA, f"{path.name}: a LabVIEW file"):
         from nptdms import TdmsFile  # noqa: PLC0415
     columns: dict[str, Array | list[str]] = {}
     units: dict[str, str] = {}

@@ -49,11 +49,11 @@ CHANNELS = {
     for name, columns in read_toml(Path(__file__).with_name("channels.toml")).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
-``computing`` of those whose law has a computing time: of a command that was begun, else NaN,
-and how much older the measurement behind what is applied is than the law's period explains;
-``board`` of those whose controller is a program: its instructions, and what Python requests;
-``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
-a different path because the plate cannot give it: of these times, else NaN."""
+``computing`` if the law has a computing time: the time of a command that was begun, else NaN, and
+the time by which the measurement behind the applied command is older than the law's period
+explains; ``board`` if the controller is a program: its instructions, and what Python requests;
+``reference`` if it is not part of this program, ``laid`` for times where the law follows
+a different path because the plate cannot give the reference, else NaN."""
 
 
 @dataclass
@@ -137,7 +137,7 @@ class Recorder:
         return float(self._time[self.length - 1]) + self.every * self.period if self.length else 0.0
 
     def __getitem__(self, name: str) -> Array:
-        """What was recorded of a channel, shape (length, N, columns)."""
+        """Recorded values of a channel, shape (length, N, columns)."""
         return self.data[name][: self.length].reshape(self.length, self.rigs, -1)
 
     def channel(self, name: str) -> Channel:
@@ -173,7 +173,7 @@ class Recorder:
 
 
 def classes_of(scenario: Scenario) -> dict[str, dict[str, Any]]:
-    """What law, observer and reference of a scenario were, by their tables.
+    """Law, observer and reference of a scenario, by their tables.
 
     Returns:
         All settings with their values, also those that the scenario leaves to the class; and of a
@@ -215,7 +215,7 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
 
     columns = [("time", "s", recorder.time), *recorder.columns()]
     arrays = [_arrow(values) for *_, values in columns]
-    schema, seal = _sealed({name: unit for name, unit, _ in columns}, metadata)
+    schema, seal = _seal_schema({name: unit for name, unit, _ in columns}, metadata)
     seal = _digest(seal, map(_bytes, arrays))
     found = pa.Table.from_arrays(arrays, schema=schema)
 
@@ -223,8 +223,8 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
         # hardly two numbers of a signal are the same: a dictionary of them takes time and room
         with pq.ParquetWriter(path, schema, use_dictionary=False) as writer:
             writer.write_table(found)
-            # of the file, not of the schema: who changes its table writes another file without it
-            writer.add_key_value_metadata({CHECKSUM: seal})
+            # of the file, not of the schema: a changed table is written to a new file without it
+            writer.add_key_value_metadata({CHECKSUM_KEY: seal})
 
     write_whole(folder / "run.parquet", fill)
     remove(folder / STREAM_FILE)
@@ -246,8 +246,8 @@ def stream(
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    schema, seal = _sealed({name: units.get(name, "") for name in columns}, metadata)
-    schema = schema.with_metadata({**schema.metadata, CHECKSUM: seal})
+    schema, seal = _seal_schema({name: units.get(name, "") for name in columns}, metadata)
+    schema = schema.with_metadata({**schema.metadata, CHECKSUM_KEY: seal})
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
 
@@ -256,7 +256,7 @@ def stream(
             arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.values()]
             seal = _digest(seal, map(_bytes, arrays))
             batch = pa.RecordBatch.from_arrays(arrays, schema=schema)
-            writer.write_batch(batch, custom_metadata={CHECKSUM: seal})
+            writer.write_batch(batch, custom_metadata={CHECKSUM_KEY: seal})
             os.fsync(sink.fileno())
 
         yield append
@@ -273,7 +273,7 @@ def _arrow(values: NDArray[Any]) -> pa.Array:
     return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(values)])
 
 
-CHECKSUM = b"ballplate.checksum"
+CHECKSUM_KEY = b"ballplate.checksum"
 """Key of a SHA-256: in a Parquet file of the metadata, names, units and values of all columns; in a
 stream of the metadata, names and units, and with each batch the previous batch's and its values.
 It is with the file, so that a table that is read, changed and written again has none.
@@ -284,7 +284,7 @@ class DamagedError(OSError):
     """A record is not what was written."""
 
 
-def _sealed(units: Mapping[str, str], metadata: Mapping[str, Any]) -> tuple[pa.Schema, bytes]:
+def _seal_schema(units: Mapping[str, str], metadata: Mapping[str, Any]) -> tuple[pa.Schema, bytes]:
     """The schema of a record, and the checksum of what is in it."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
@@ -352,12 +352,12 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
         raise RecordError(f"{file}: metadata 'ballplate': {error}") from error
     if not isinstance(metadata, dict):
         raise RecordError(f"{file}: metadata 'ballplate': not a JSON object")
-    if TORN in about:
-        metadata["incomplete"] = [f"{file.name}: {about[TORN].decode()}"]
+    if TORN_KEY in about:
+        metadata["incomplete"] = [f"{file.name}: {about[TORN_KEY].decode()}"]
     return columns, units, metadata
 
 
-TORN = b"ballplate.torn"
+TORN_KEY = b"ballplate.torn"
 """Metadata key of a stream without its last rows; no file has it."""
 MOST_ROWS = MOST_PERIODS
 """Rows of a record that is read."""
@@ -369,7 +369,7 @@ that stand still are packed well, but the noise and the times of a run are not."
 
 
 def unreadable_errors() -> tuple[type[Exception], ...]:
-    """What pyarrow raises for a file that is damaged or of another kind.
+    """Errors of pyarrow for a file that is damaged or of a wrong kind.
 
     Two are no errors of Arrow's: a name that is no UTF-8 is found only when it is asked for, and a
     changed length may ask for more memory than there is.
@@ -403,13 +403,13 @@ def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table
     import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
     if file.suffix == Path(STREAM_FILE).suffix:
-        return _streamed(file, wanted)
+        return _read_stream(file, wanted)
     # not pq.read_table, which imports pandas wherever that is installed
     with pq.ParquetFile(file) as parquet:
         schema, rows = parquet.schema_arrow, parquet.metadata.num_rows
         names = wanted(schema)
         check_size(rows, len(schema), len(names), file.stat().st_size)
-        seal = (parquet.metadata.metadata or {}).get(CHECKSUM)
+        seal = (parquet.metadata.metadata or {}).get(CHECKSUM_KEY)
         if seal is None:
             return parquet.read(columns=names)
         if not all(is_number(each.type) for each in schema):
@@ -447,7 +447,7 @@ def check_size(rows: int, columns: int, wanted: int, size: int) -> None:
         )
 
 
-def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
+def _read_stream(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
     """The table of a stream; arguments and errors as for ``stored``."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
@@ -455,9 +455,9 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
     with file.open("rb") as source, pa.ipc.open_stream(source) as reader:
         schema = reader.schema
         names = wanted(schema)
-        sealed = CHECKSUM in (schema.metadata or {})
+        sealed = CHECKSUM_KEY in (schema.metadata or {})
         seal = _seal_of(schema)
-        if sealed and seal != schema.metadata[CHECKSUM]:
+        if sealed and seal != schema.metadata[CHECKSUM_KEY]:
             raise DamagedError("damaged: its head does not match its checksum")
         end = source.tell()
         # its last rows may be torn
@@ -468,7 +468,7 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
                 if sealed:
                     seal = _digest(seal, map(_bytes, batch.columns))
                     if any(each.null_count for each in batch.columns) or (
-                        seal != (custom or {}).get(CHECKSUM)
+                        seal != (custom or {}).get(CHECKSUM_KEY)
                     ):
                         break
                 batches.append(batch)
@@ -476,25 +476,25 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
                 end = source.tell()
         check_size(rows, len(schema), len(names), file.stat().st_size)
         source.seek(end)
-        left = source.read().removesuffix(ENDED)
-    if sealed and (left.count(CHECKSUM) > 1 or (left and _is_ended(file))):
+        left = source.read().removesuffix(END_OF_STREAM)
+    if sealed and (left.count(CHECKSUM_KEY) > 1 or (left and _is_ended(file))):
         since = batches[-1][0][-1].as_py() if batches else 0.0
         raise DamagedError(f"damaged: its rows after {since:.3f} s do not match their checksum")
     if left:
         lacks = "its last rows were being written or are damaged; they are left out"
-        schema = schema.with_metadata({**(schema.metadata or {}), TORN: lacks})
+        schema = schema.with_metadata({**(schema.metadata or {}), TORN_KEY: lacks})
     whole = [batch.replace_schema_metadata(schema.metadata) for batch in batches]
     return pa.Table.from_batches(whole, schema).select(names)
 
 
-ENDED = b"\xff\xff\xff\xff\0\0\0\0"
+END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"
 """Last bytes of a stream that was closed by its writer."""
 
 
 def _is_ended(file: Path) -> bool:
     with file.open("rb") as source:
-        source.seek(-len(ENDED), os.SEEK_END)
-        return source.read() == ENDED
+        source.seek(-len(END_OF_STREAM), os.SEEK_END)
+        return source.read() == END_OF_STREAM
 
 
 def read_metadata(file: Path) -> bytes | None:

@@ -26,7 +26,7 @@ from twin.run.assemble import RigChanges
 from twin.sim.rig import SimulatedRig
 
 CONSTANT_PACKAGES = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
-"""Packages whose objects are constant, except for arrays and random streams."""
+"""Packages with constant objects, except for arrays and random streams."""
 
 
 RIG_SETTINGS = ("changes", "levelling_s")
@@ -48,7 +48,7 @@ class InPlace(NamedTuple):
 
 Node = Any
 """A copy of data, or an `InPlace`."""
-CONSTANT: Node = object()
+CONSTANT_NODE: Node = object()
 """The node of an object that cannot change, or was saved before."""
 
 
@@ -57,9 +57,9 @@ class SnapshotError(TwinError, ValueError):
 
 
 def save_node(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
-    """The node of a value; ``CONSTANT`` if it cannot change or was saved before."""
+    """The node of a value; ``CONSTANT_NODE`` if it cannot change or was saved before."""
     if isinstance(thing, np.ndarray):
-        return CONSTANT if thing.dtype.hasobject else thing.copy(order="K")
+        return CONSTANT_NODE if thing.dtype.hasobject else thing.copy(order="K")
     if isinstance(thing, np.generic):
         return thing.item()
     if thing is None or type(thing) in {bool, int, float, str}:
@@ -75,7 +75,7 @@ def save_node(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a 
     if isinstance(thing, dict):
         return _combine({key: save_node(each, seen) for key, each in thing.items()})
     if _is_constant(thing) or id(thing) in seen:
-        return CONSTANT
+        return CONSTANT_NODE
     seen.add(id(thing))
     if hasattr(thing, "saved_state"):  # it defines its own state
         return InPlace("own", (type(thing).__name__, save_node(thing.saved_state(), seen)))
@@ -83,7 +83,7 @@ def save_node(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a 
     kept = [
         (name, node)
         for name, node in nodes.items()
-        if node is not CONSTANT and not (isinstance(thing, Rig) and name in RIG_SETTINGS)
+        if node is not CONSTANT_NODE and not (isinstance(thing, Rig) and name in RIG_SETTINGS)
     ]
     return InPlace("object", (type(thing).__name__, kept))
 
@@ -99,10 +99,10 @@ def _is_constant(thing: Any) -> bool:
 
 def _combine(nodes: dict[Any, Node]) -> Node:
     """The node of a tuple, list or dictionary: all nodes if they are data, else the objects."""
-    if not any(node is CONSTANT or isinstance(node, InPlace) for node in nodes.values()):
+    if not any(node is CONSTANT_NODE or isinstance(node, InPlace) for node in nodes.values()):
         return nodes
     inner = [(key, node) for key, node in nodes.items() if isinstance(node, InPlace)]
-    return InPlace("inner", inner) if inner else CONSTANT
+    return InPlace("inner", inner) if inner else CONSTANT_NODE
 
 
 def restore(thing: Any, node: InPlace) -> None:

@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from twin.run.finished import Run
 
 TIMING_NAMES = ("judged_from", "real_time_factor")
-"""What a table of runs just made has besides."""
+"""Further columns in a table of runs just made."""
 _ALL_LABELS = {name: (about["words"], about["printed"]) for name, about in INDICATORS.items()}
-LABELS = {name: label for name, label in _ALL_LABELS.items() if name not in TIMING_NAMES}
+INDICATOR_LABELS = {name: label for name, label in _ALL_LABELS.items() if name not in TIMING_NAMES}
 """Indicator to the words and the unit it is printed with."""
 
-FIRST_LABELS = {name: LABELS[name] for name in (
+FIRST_LABELS = {name: INDICATOR_LABELS[name] for name in (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
     "late_percent", *BOARD_INDICATORS,
 )}  # fmt: skip
-"""What is asked for first, of a reference that moves and of one that comes to rest."""
+"""Indicators that are printed first, for a reference that moves and for one that comes to rest."""
 ORDERED_LABELS = FIRST_LABELS | _ALL_LABELS
 """The same, then all the others."""
 
@@ -54,7 +54,7 @@ def in_json(tables: Mapping[str, Any]) -> dict[str, str]:
 def indicators(
     title: str,
     runs: Mapping[str, Mapping[str, Any]],
-    labels: Mapping[str, tuple[str, str]] = LABELS,
+    labels: Mapping[str, tuple[str, str]] = INDICATOR_LABELS,
     note: str = "",
 ) -> Table:
     """A row per indicator that applies to at least one run, a column per run.

@@ -53,10 +53,10 @@ def group(scenarios: Mapping[Label, Scenario], parts: int = 1) -> list[list[Labe
 
 
 def batch_key(scenario: Scenario) -> str | None:
-    """What runs must have in common to share a batch; None for a run that shares none.
+    """Settings that runs must share to share a batch; None for a run that shares none.
 
     A run shares none if its bits could differ there: a plant, law, observer or reference from
-    outside this program may round several rigs in another way; a law with a period or a computing
+    outside this program may round differently for several rigs; a law with a period or a computing
     time of its own has channels that others lack, and so has a controller that is a program.
     """
     choice = scenario.controller

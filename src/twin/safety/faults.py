@@ -30,7 +30,7 @@ from twin.devices import common, realtime
 from twin.devices import rig as hardware
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig
-from twin.devices.akd.servos import SHUTDOWN
+from twin.devices.akd.servos import SHUTDOWN_STEP_LIMIT_S
 from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
@@ -54,7 +54,7 @@ LEVEL_RAD = float(np.radians(0.3))
 
 
 class Stopper(StrEnum):
-    """Who ended the motion of an axis, the lines of defence in their order first."""
+    """Agent that ended the motion of an axis, the lines of defence in their order first."""
 
     LEVELLING = "host's levelling"
     QUICK_STOP = "host's quick stop"
@@ -100,7 +100,7 @@ class FaultCase:
         first: The condition that stops the rig, where it shows before the expected one.
         stopped_by: Who must stop phi and theta; empty for the condition's severity.
         states: The states that phi and theta must reach; empty for those of ``REACHED``.
-        says: Text required in the line that a person reads.
+        says: Text required in the error line.
         wait: What passes in s before the device concerned is asked, when switching on.
         withheld: Whether the host is left with nothing but to end its heartbeat.
         hangs: Whether the host hangs: it detects nothing, so that the drives' detection counts.
@@ -187,7 +187,7 @@ MAX_ANGLE_RAD = float(ANGLE_LIMIT_RAD + Supervisor.ANGLE_SLACK_RAD)
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
 STOP_RAMP_S = AkdConfig().rate_limit / STOP_RAMP
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
-LAST_HEARTBEAT_S = 2 * SHUTDOWN + 0.05
+LAST_HEARTBEAT_S = 2 * SHUTDOWN_STEP_LIMIT_S + 0.05
 """Longest time in s from the end of a run to the host's last heartbeat: it waits for standstill,
 then for no torque, then sends what is left."""
 
@@ -351,7 +351,7 @@ def ball_limit(
 
 
 STEP_NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind}
-"""What a text in a step names."""
+"""Enumeration members that a step may name."""
 
 
 class FaultCause(NamedTuple):
@@ -382,7 +382,7 @@ class FaultCause(NamedTuple):
 
 
 def _meant(value: Any) -> Any:
-    """What a value in a step stands for."""
+    """The value that a value in a step stands for."""
     if isinstance(value, list):
         return tuple(map(_meant, value))
     if isinstance(value, dict):
@@ -397,11 +397,11 @@ def _causes(table: dict[str, Any]) -> dict[str, FaultCause]:
     }
 
 
-_TABLES = read_packaged("twin.safety", "causes.toml")
-OF_DRIVES = _causes(_TABLES["drives"])
-"""What can go wrong with two drives and their bus, `LockstepDrives`."""
-OF_RIG = _causes(_TABLES["rig"])
-"""What can go wrong with a rig, `LockstepRig`."""
+_CAUSE_TABLES = read_packaged("twin.safety", "causes.toml")
+OF_DRIVES = _causes(_CAUSE_TABLES["drives"])
+"""Causes of faults in two drives and their bus, `LockstepDrives`."""
+OF_RIG = _causes(_CAUSE_TABLES["rig"])
+"""Causes of faults in a rig, `LockstepRig`."""
 
 
 _RPDO1, _TARGET = 0x200, 2
@@ -415,7 +415,7 @@ _FAST_TURN_RAD_S = 0.2
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 ROW_FUNCTIONS: dict[str, Callable[..., Any]] = {}
-"""What a row of ``cases.toml`` may name besides the causes of ``causes.toml``, by its name."""
+"""Functions that a row of ``cases.toml`` may name besides the causes of ``causes.toml``."""
 
 
 def row_function(function: Function) -> Function:
@@ -457,15 +457,15 @@ def uneven(rig: LockstepRig) -> None:
 
 @row_function
 def another_sync(rig: LockstepRig) -> None:
-    """Another master sends SYNC."""
-    rig.lockstep.bus.beside.append((Frame(0x080), 0.002))
+    """A second master sends SYNC."""
+    rig.lockstep.bus.foreign_frames.append((Frame(0x080), 0.002))
 
 
 @row_function
 def another_command(rig: LockstepRig, rate: float) -> None:
-    """Another master turns drive phi, at a rate in rad/s."""
+    """A second master turns drive phi, at a rate in rad/s."""
     turn = struct.pack("<Hi", 0x0F, round(rate / VELOCITY_UNIT))
-    rig.lockstep.bus.beside.append((Frame(_RPDO1 + 1, turn), 0.0005))
+    rig.lockstep.bus.foreign_frames.append((Frame(_RPDO1 + 1, turn), 0.0005))
 
 
 @row_function
@@ -503,7 +503,7 @@ def together(rig: LockstepRig, *named: Named) -> None:
 
 @row_function
 def then(rig: LockstepRig, seconds: float, first: Named, second: Named) -> None:
-    """A cause or function, and another one some seconds later."""
+    """A first cause or function, and a second one some seconds later."""
     due = rig.now() + seconds
     together(rig, first)
     _once(rig, lambda rig: rig.now() >= due, lambda rig: together(rig, second))
@@ -519,7 +519,7 @@ def in_turn(rig: LockstepRig, *named: Named) -> None:
 @row_function
 def also(rig: LockstepRig, cob_id: int, data: str, every: float, kind: str = "") -> None:
     """Somebody else sends a frame every so often, s; kind: remote or extended, if it is that."""
-    rig.lockstep.bus.beside.append((_frame(cob_id, data, kind), every))
+    rig.lockstep.bus.foreign_frames.append((_frame(cob_id, data, kind), every))
 
 
 @row_function
@@ -574,7 +574,7 @@ def unchecked(rig: LockstepRig) -> None:
 
 @row_function
 def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:
-    """The ball has another velocity at once, m/s."""
+    """The ball changes its velocity at once, m/s."""
     x, y = _ball(rig)
     rig.plant.devices.place(np.array([[x, x_rate, y, y_rate]]))
 
@@ -707,7 +707,7 @@ def _done(given: list[Any]) -> Callable[[LockstepRig], Any]:
 
 
 def _words(name: str) -> str:
-    """What a cause or a function does, in words."""
+    """Description of a cause or a function, in words."""
     cause = OF_DRIVES.get(name) or OF_RIG.get(name)
     return cause.words if cause else (ROW_FUNCTIONS[name].__doc__ or "").rstrip(".")
 
@@ -742,7 +742,7 @@ CASES = tuple(chain(*CASE_GROUPS.values()))
 
 
 def choose_cases(words: Sequence[str]) -> list[int]:
-    """Indices of the cases whose name or condition has all words of a text; all without a text.
+    """Indices of the cases with all of the words in name or condition; all if there are none.
 
     The beginning of a word is enough, in capital or small letters.
 
@@ -761,7 +761,8 @@ def choose_cases(words: Sequence[str]) -> list[int]:
         }
         if not found or not wanted:
             raise ScenarioError(
-                f"only '{text:.80}': no fault or condition has these words; see safety --list"
+                f"--only '{text:.80}': no fault or condition has these words; "
+                "`ballplate safety --list` lists all"
             )
         chosen |= found
     return sorted(chosen)

@@ -33,7 +33,7 @@ from twin.emulator.power_stage import (
     UNDERVOLTAGE_FAULT,
     Power,
 )
-from twin.emulator.screen import DEAD_TIME, FRAME_INTERVAL_S
+from twin.emulator.screen import FRAME_INTERVAL_S, SCREEN_DEAD_TIME_S
 from twin.emulator.serve import Wiring
 from twin.hal.interface import Severity
 from twin.run.assemble import build_controller
@@ -58,7 +58,7 @@ from twin.scenario.schema import Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class Reaction:
-    """What became of a rig between a fault and the end of the observation; times from the fault.
+    """Observation of a rig between a fault and the end; times from the fault.
 
     Attributes:
         stopped_by: Who stopped phi and theta: a ``Stopper``, or of other hardware its own word.
@@ -174,7 +174,7 @@ def _farthest(ball: Array) -> tuple[float, float]:
     return x, y
 
 
-TABLE_HEADINGS = (
+FAULT_HEADINGS = (
     "fault",
     "reported",
     "detected [ms]",
@@ -185,13 +185,13 @@ TABLE_HEADINGS = (
     "reached",
     "run",
 )
-"""What the cells of a row are; a value is followed by its limit."""
+"""Headings of the cells of a row; a value is followed by its limit."""
 
 
 def failure_sheet(rows: Sequence[FaultRow]) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
     """Headings and rows of a failure mode and effects sheet; times in s, angles in deg, ways in m.
 
-    The effect of a fault is what it did to plate and ball until the rig stood still.
+    The effect of a fault is the motion of plate and ball until the rig stood still.
     """
     headings = (
         *("fault", "effect: largest tilt [deg]", "effect: way of the ball x [m]"),
@@ -262,11 +262,11 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class FaultRow(Reaction):
-    """What came of one case; the keys of ``--json``.
+    """Result of one case; the keys of ``--json``.
 
     Times are in s from the injection, or from switching on; angles in rad, ways in m. Pairs are
-    those of phi and theta, or of x and y. A key that ends in ``_limit`` or ``_expected`` is what
-    the one before it is judged by.
+    those of phi and theta, or of x and y. A key that ends in ``_limit`` or ``_expected`` is the
+    bound or value with which the key before it is compared.
 
     Attributes:
         name: What was done.
@@ -277,10 +277,10 @@ class FaultRow(Reaction):
             the first drive that stops by itself.
         ending: How the run ended.
         line: The one line that a person reads; empty if the run finished.
-        safe: Whether the plate was safe: every key judged below is as it must be, and no drive has
+        safe: Whether the plate was safe: every key checked below is as it must be, and no drive has
             torque at the end.
         whole: Whether every period up to the end is in the record, without gaps.
-        recovered: Whether it runs again when the cause is gone and a person asks for it.
+        recovered: Whether it runs again after the cause was removed and a person asks for it.
         reason: The condition that ended the run; empty if none did.
         reason_expected: The one that had to.
         stopped_by: Who stopped the axes.
@@ -512,7 +512,7 @@ class Trial:
         if case.hangs:
             silence = case.host.silence if Stopper.HEARTBEAT in case.stoppers else 0.0
             return silence + self.rig.period
-        late = DEAD_TIME + FRAME_INTERVAL_S + self.rig.period if case.of_screen else 0.0
+        late = SCREEN_DEAD_TIME_S + FRAME_INTERVAL_S + self.rig.period if case.of_screen else 0.0
         return case.expected.longest(self.rig.period) + late + case.wait if case.expected else 0.0
 
     def _seen(self, run: TrialRun, allowed: float, at: AtFault) -> tuple[Reaction, float | None]:
@@ -577,7 +577,7 @@ class Trial:
         rig.replace_transmission(rig.plant.transmission)
         rig.plant.shoved = np.zeros(2)
         rig.plant.rewire(**Wiring()._asdict())
-        rig.lockstep.bus.beside.clear()
+        rig.lockstep.bus.foreign_frames.clear()
         rig.lockstep.missing = None
         for each in self.drives:
             each.restore()

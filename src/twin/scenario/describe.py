@@ -1,4 +1,4 @@
-"""What may be set: every key with its type, unit, range, default and meaning.
+"""Describes every key that may be set, with its type, unit, range, default and meaning.
 
 Types, ranges and defaults come from the models that check a scenario, meanings from the docstrings
 of the dataclasses and models with the fields that the keys set; nothing is written a second time.
@@ -15,7 +15,7 @@ from functools import cache
 from itertools import chain
 from typing import Any, get_args, get_origin
 
-from docstring_parser import parse_from_object
+from docstring_parser import Docstring, parse_from_object
 from pydantic import BaseModel
 
 from twin.base.errors import ScenarioError, shorten
@@ -141,8 +141,9 @@ def about(kind: str) -> str:
     for table in CATALOG_TABLES:
         cls = choices(table).get(kind.rpartition(".")[2])
         if cls is not None:
-            text = str(parse_from_object(cls).short_description or "")
-            return "" if text.startswith(f"{cls.__name__}(") else text  # a dataclass says that
+            text = str(_docstring(cls).short_description or "")
+            is_default = text.startswith(f"{cls.__name__}(")  # the docstring of a dataclass
+            return "" if is_default else text
     return ""
 
 
@@ -237,11 +238,17 @@ def _properties(model: type[BaseModel]) -> dict[str, Any]:
 
 
 @cache
+def _docstring(cls: type) -> Docstring:
+    """The docstring of a class and those below its attributes, parsed once."""
+    return parse_from_object(cls)
+
+
+@cache
 def meanings(cls: type) -> dict[str, str]:
-    """What the fields of a dataclass or model mean, by their names."""
+    """Meaning of the fields of a dataclass or model, by their names."""
     return {
         item.args[1]: " ".join((item.description or "").split())
         for source in reversed(cls.__mro__)
         if source.__module__.partition(".")[0] not in FOREIGN_PACKAGES
-        for item in parse_from_object(source).params
+        for item in _docstring(source).params
     }

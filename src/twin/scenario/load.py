@@ -1,4 +1,4 @@
-"""From a name and overrides to a checked scenario, or one clear line about what is wrong.
+"""Loads a checked scenario from a name and overrides, or gives one clear line about an error.
 
 Also made of a scenario here: its clean model, its values at a time where it changes while it runs,
 and variants of it with the shortest names that distinguish them.
@@ -61,7 +61,7 @@ def times(scenarios: Sequence[Scenario]) -> list[float]:
 
 
 def problem_of_changes(scenario: Scenario) -> str:
-    """What is wrong with a scenario's changes taken together, in one line; empty if nothing is.
+    """Error of a scenario's changes taken together, in one line; empty if there is none.
 
     Each of them is known to be possible by itself.
     """
@@ -95,7 +95,7 @@ def _ramp_problem(scenario: Scenario, change: Change) -> str:
 
 
 def _between(old: Any, new: Any, share: float) -> Any:
-    """What lies between two numbers or tuples of them, at a share of the way."""
+    """Interpolate between two numbers or tuples of them, at a share of the way."""
     if share == 1.0:
         return new
     if isinstance(old, tuple):

@@ -1,4 +1,4 @@
-"""What a rig file may say: bus, drives, touch screen, limits; checked like a scenario.
+"""Form of a rig file: bus, drives, touch screen, limits; checked like a scenario.
 
 The tables ``[drives]`` and ``[touch]`` have the keys of their kind (`devices/kinds.py`).
 """
@@ -20,7 +20,7 @@ from twin.base.errors import ScenarioError
 from twin.base.validation import read_tables
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, DriveSettings
 from twin.devices.common import wider
-from twin.devices.kinds import DEFAULT_KINDS, SHIPPED, Found, Role, find_kind
+from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, Found, Role, find_kind
 from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own import OwnConfig
 from twin.scenario.load import Tables, validate
@@ -60,7 +60,7 @@ class RigFile(Section):
     backend: str | None = None
     own: OwnConfig = OwnConfig()
     kinds: ClassVar[Mapping[Role, Found]] = {
-        role: Found(name, SHIPPED[role][name]) for role, name in DEFAULT_KINDS.items()
+        role: Found(name, SHIPPED_KINDS[role][name]) for role, name in DEFAULT_KINDS.items()
     }
     """What the devices are, where there is no backend."""
 
@@ -113,6 +113,8 @@ class RigFile(Section):
         A kind that is no default is part of it, with the version of the package that it is from.
         """
         every = self.model_dump(mode="json", exclude={"title", "patience"})
+        if isinstance(self.drives, DriveSettings) and not self.drives.shaft_lag:
+            del every["drives"]["shaft_lag"]  # hashes of files without it are kept as they were
         others = {role: (its.name, its.package) for role, its in self.kinds.items()}
         if [its.name for its in self.kinds.values()] != list(DEFAULT_KINDS.values()):
             every["kinds"] = others

@@ -1,4 +1,4 @@
-"""What a scenario may say: its tables, keys, types, ranges and defaults."""
+"""Form of a scenario: its tables, keys, types, ranges and defaults."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ def _changing(how: str) -> tuple[str, ...]:
 
 
 RAMP_KEYS = _changing("ramp")
-"""What may change at once or along a ramp."""
+"""Settings that may change at once or along a ramp."""
 JUMP_KEYS = _changing("jump")
 """Keys that change at once: a new ball of the same size, a new screen, new drives."""
 RAMP_STEP_S = 0.02
-"""Time in s in whose steps a ramp is followed."""
+"""Time step in s with which a ramp is followed."""
 TIME_TOLERANCE_S = 1e-9
 """Times in s that are no further apart are one."""
 
@@ -197,7 +197,7 @@ class BallKeys(Section):
     """Hollow plastic ball, or a solid steel ball, which sets mass, inertia and friction."""
 
     def problem(self) -> str:
-        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        """Error of the whole table, in one line; empty if there is none."""
         ball: Any = self
         far = 1000 * ball.radius
         most = ball.mass * ball.radius**2
@@ -217,7 +217,7 @@ class SurfaceKeys(Section):
     """How friction and level vary over the screen: drawn at random, or grids."""
 
     def problem(self) -> str:
-        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        """Error of the whole table, in one line; empty if there is none."""
         about = vars(self)
         given = {name: about[name] for name in ("relative", "height_um") if about[name]}
         if given and (about["spread_percent"] or about["slope_deg"]):
@@ -304,7 +304,7 @@ class PlantKeys(Section):
         return BallPlate(**ball, height=inner["plate"].height)
 
     def problem(self) -> str:
-        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        """Error of the whole table, in one line; empty if there is none."""
         return next(filter(None, self._problems()), "")
 
     def _problems(self) -> Iterator[str]:
@@ -481,6 +481,8 @@ def register(
     return found
 
 
+CONTROL_TABLES = ("controller", "observer", "predictor")
+"""Tables of a scenario that describe how the rig is controlled; they are given as a whole."""
 REGISTER = register()
 """Every setting that describes a rig, by its key."""
 ENGINES = {"mujoco": "mechanism", "lagrange": "equations"}

@@ -30,7 +30,7 @@ from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.windows import Windows
 from twin.shadow.belief import (
-    BALL_PARAMETERS,
+    BALL_BELIEFS,
     BELIEF_TABLES,
     CAUSE_SIZES,
     ROLLING_SCATTER_STD,
@@ -141,13 +141,15 @@ class CauseSearch:
     prune_llr: float = 20.0
 
 
-SCATTER = ScatterEstimate()
+SCATTER_ESTIMATE = ScatterEstimate()
 CHANGE_TEST = ChangeTest()
 DEAD_TIME_TEST = DeadTimeTest()
 CAUSE_SEARCH = CauseSearch()
 
 
-def scatter(evidence: Evidence, belief: Belief, estimate: ScatterEstimate = SCATTER) -> Array:
+def scatter(
+    evidence: Evidence, belief: Belief, estimate: ScatterEstimate = SCATTER_ESTIMATE
+) -> Array:
     """Factors on what the belief expects parameters to change by, shape (W, P).
 
     With d the deviation that a window alone would give a parameter, 1/a its variance and Q that
@@ -347,7 +349,7 @@ class Before(NamedTuple):
 def baseline(
     evidence: Evidence, belief: Belief, change: int, test: ChangeTest = CHANGE_TEST
 ) -> Before:
-    """What the windows before a change have shown.
+    """Evidence of the windows before a change.
 
     Args:
         evidence: Windows in the order of time, softened.
@@ -361,7 +363,7 @@ def baseline(
     return Before(mean, covariance + np.diag(belief.drift**2))
 
 
-DEAD_TIME = ("dead time",)
+DEAD_TIME_CAUSES = ("dead time",)
 DELAY_INDEX = WATCHED_PARAMETERS.index("delay")
 
 
@@ -385,7 +387,7 @@ def limit_dead_time_evidence(
     shows = evidence.information[:, DELAY_INDEX, DELAY_INDEX] > 0
     narrow = evidence.take(shows).softened(room)
     bounded = ChangeTest(max_llr_per_window=test.max_llr_per_window)
-    return bound_evidence(narrow, belief, int(shows[:after].sum()), DEAD_TIME, bounded)
+    return bound_evidence(narrow, belief, int(shows[:after].sum()), DEAD_TIME_CAUSES, bounded)
 
 
 def dead_time_ratio(
@@ -399,7 +401,7 @@ def dead_time_ratio(
         after: Windows for which it is not worked out, but left at zero.
         test: Its constants.
     """
-    return added_up(evidence, belief, after, DEAD_TIME, test.max_llr_increment)
+    return added_up(evidence, belief, after, DEAD_TIME_CAUSES, test.max_llr_increment)
 
 
 def statistic_at(evidence: Evidence, ratio: Array, time: Array) -> Array:
@@ -443,16 +445,16 @@ class SequentialTests:
     def add(self, new: Evidence) -> None:
         """Take in new windows, not softened, after the old ones."""
         belief, count, known = self.belief, len(self._every), len(self._limited)
-        self._every = Evidence.beside([self._every, new])
+        self._every = Evidence.concatenate([self._every, new])
         self.factors = scatter(self._every, belief)
         soft = new.softened(belief.changing, self.factors[count:])
-        self._unbounded = Evidence.beside([self._unbounded, soft])
-        self.soft = Evidence.beside(
+        self._unbounded = Evidence.concatenate([self._unbounded, soft])
+        self.soft = Evidence.concatenate(
             [self.soft, bound_evidence(self._unbounded, belief, count, test=self.change)]
         )
         ratio = statistic(self.soft, belief, count, self.change)
         self.ratio = np.concatenate((self.ratio, ratio[count:]))
-        self._limited = Evidence.beside(
+        self._limited = Evidence.concatenate(
             [self._limited, limit_dead_time_evidence(self._every, belief, count, self.dead_time)]
         )
         late = dead_time_ratio(self._limited, belief, known, self.dead_time)
@@ -509,7 +511,7 @@ def resolution(tests: SequentialTests) -> dict[str, float]:
     belief, found = tests.belief, dict[str, float]()
     for evidence, threshold, only in (
         (tests.soft, tests.change.threshold_llr, tuple(CAUSE_SIZES)),
-        (tests.limited, tests.dead_time.threshold_llr, DEAD_TIME),
+        (tests.limited, tests.dead_time.threshold_llr, DEAD_TIME_CAUSES),
     ):
         total = evidence.information[-tests.change.lookback_windows[-1] :].sum(axis=0)
         apart = 1 / (belief.constant**2 + belief.drift**2)
@@ -556,7 +558,7 @@ def likely(causes: Sequence[Cause]) -> list[Cause]:
 
 
 def in_words(causes: Sequence[Cause]) -> str:
-    """What has changed, or between what the log does not tell."""
+    """Describe what has changed, or the causes that the log cannot tell apart."""
     left = likely(causes)
     if len(left) == 1:
         return f"{left[0].name} ({left[0].change})"
@@ -599,7 +601,7 @@ def one_sided(belief: Belief) -> list[str]:
 
 
 MOTION_CAUSES = tuple(
-    name for name, sizes in CAUSE_SIZES.items() if set(sizes) <= set(BALL_PARAMETERS)
+    name for name, sizes in CAUSE_SIZES.items() if set(sizes) <= set(BALL_BELIEFS)
 )
 """Causes that change the ball's motion."""
 
@@ -638,13 +640,13 @@ class _Hypothesis:
     def expand(self, before: Before, belief: Belief, windows: Windows) -> None:
         """Expand the windows of the ball anew where the cause puts the parameters."""
         watched, believed = (
-            [WATCHED_PARAMETERS.index(name) for name in BALL_PARAMETERS],
+            [WATCHED_PARAMETERS.index(name) for name in BALL_BELIEFS],
             belief.theta[0],
         )
         least, most = zip(
-            *((BOUNDS[name].least, BOUNDS[name].most) for name in BALL_PARAMETERS), strict=True
+            *((BOUNDS[name].least, BOUNDS[name].most) for name in BALL_BELIEFS), strict=True
         )
-        theta, count = believed.copy(), len(BALL_PARAMETERS)
+        theta, count = believed.copy(), len(BALL_BELIEFS)
         theta[:count] = np.clip(theta[:count] + self.moved(before)[watched], least, most)
         self.expanded = ball_evidence(windows, belief, theta)
         self.at = np.zeros(len(WATCHED_PARAMETERS))

@@ -1,4 +1,4 @@
-"""What the twin believes of a rig, and how sure it may be of it."""
+"""Belief of the twin about a rig: its parameters, and how certain they are."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from twin.sim.plant.friction import Friction
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
-BALL_PARAMETERS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
+BALL_BELIEFS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
-DRIVE_PARAMETERS = ("lag", "narrow_play", "wide_play", "transmission")
+DRIVE_BELIEFS = ("lag", "narrow_play", "wide_play", "transmission")
 """Parameters that the plate's motion shows: time constant in s, shares of lost motion as a narrow
 and a wide gap would make it, and how much farther than commanded the plate turns."""
-WATCHED_PARAMETERS = (*BALL_PARAMETERS, *DRIVE_PARAMETERS, "noise")
+WATCHED_PARAMETERS = (*BALL_BELIEFS, *DRIVE_BELIEFS, "noise")
 """All; the last is the logarithm of the screen's noise over what is believed."""
 
 FRICTION_EXTRAS = ("viscous", "stribeck", "dwell")
@@ -46,7 +46,7 @@ FRICTION_FIELDS = {
 }
 """Parameters that are settings of the friction, by their names there."""
 BELIEF_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
-"""What is known of parameters and causes in advance; the file explains its entries."""
+"""Prior of parameters and causes; the file explains its entries."""
 TWIN_ERROR_STD, ROLLING_SCATTER_STD, STOPPING_SCATTER_STD, DRIFT_STD = (
     {name: float(about[kind]) for name, about in BELIEF_TABLES["parameters"].items()}
     for kind in ("constant", "changing", "stopping", "drift")
@@ -82,7 +82,7 @@ class Belief:
         screen: Variance of a sample along x and y in m^2, shape (2,).
         encoders: Variance of a reading of phi and theta in rad^2, shape (2,).
         disturbance: Variance of a period's acceleration of the plate, (rad/s^2)^2, shape (2,).
-        unit: What ``CONSTANT`` and the sizes of causes are multiples of, shape (P,).
+        unit: Unit of each parameter; ``constant`` and the sizes of causes are multiples, (P,).
         constant: Standard deviations of ``PARAMETERS`` over a whole log, shape (P,).
         changing: The same from window to window, while the ball rolls and where it stops,
             shape (2, P).
@@ -206,7 +206,7 @@ class Belief:
     @property
     def names(self) -> tuple[str, ...]:
         """The ball's parameters of a replay: those watched, and the others that are not zero."""
-        return (*BALL_PARAMETERS, *(name for name in FRICTION_EXTRAS if self.values[name]))
+        return (*BALL_BELIEFS, *(name for name in FRICTION_EXTRAS if self.values[name]))
 
     @property
     def theta(self) -> Array:
@@ -244,7 +244,7 @@ MAX_DEAD_TIME_S = 0.1
 """Longest dead time in s of the twin of a log of any rig: any excess is attributed to the plate."""
 
 
-def beside(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
+def twin_for_log(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
     """A log of any rig as a twin of it sees it, and that twin.
 
     Args:
@@ -275,7 +275,7 @@ def logs(pairs: Sequence[tuple[Scenario, Scenario]]) -> list[Log]:
     duration, period = truths[0].duration, truths[0].rig.period
     keep = ("measured", "age", "touched", "applied")
     record = Recorder(round(duration / period), len(pairs), period, keep=keep)
-    drive(*assemble(truths, threads=1), duration, record)
+    drive(*assemble(truths, threads=1, unseen=True), duration, record)
     columns = {name: values.reshape(len(pairs), -1) for name, _, values in record.columns()}
     return [
         of_columns(

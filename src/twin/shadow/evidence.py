@@ -1,4 +1,4 @@
-"""What windows of a log say of the twin's parameters: the slopes and curvatures of likelihoods.
+"""Evidence of windows of a log on the twin's parameters: slopes and curvatures of likelihoods.
 
 Close to what is believed, a window's log-likelihood of a deviation d (true minus believed) is
 b'd - d'A d / 2, with A the Fisher information and b the score. The windows of one part of a log add
@@ -38,7 +38,7 @@ from twin.identify.windows import (
     unknown_motion,
 )
 from twin.run.assemble import parts_of
-from twin.shadow.belief import BALL_PARAMETERS, DRIVE_PARAMETERS, WATCHED_PARAMETERS, Belief
+from twin.shadow.belief import BALL_BELIEFS, DRIVE_BELIEFS, WATCHED_PARAMETERS, Belief
 from twin.sim.calibration import MECHANISM_STATES, linear_mechanism
 from twin.sim.rig import DriveModel
 
@@ -96,11 +96,11 @@ class Evidence:
     @classmethod
     def join(cls, parts: Sequence[Evidence]) -> Evidence:
         """All windows of several, in the order in which they end."""
-        joined = cls.beside(parts)
+        joined = cls.concatenate(parts)
         return joined.take(np.argsort(joined.end, kind="stable"))
 
     @classmethod
-    def beside(cls, parts: Sequence[Evidence]) -> Evidence:
+    def concatenate(cls, parts: Sequence[Evidence]) -> Evidence:
         """All windows of several, one part after the other."""
         return cls(
             *(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(cls))
@@ -220,7 +220,7 @@ def clear(begin: Array, end: Array, gaps: Array, after: float = 0.0) -> Mask:
 
 
 def without_gaps(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> Evidence:
-    """What windows without a gap say.
+    """Evidence of windows without a gap.
 
     Args:
         parts: Of the segments of a log.
@@ -236,7 +236,7 @@ PLATE_WINDOW_S = 2.0
 MIN_SCREEN_SAMPLES = 30
 """Samples below which a window of the screen shows nothing."""
 # The second differences of white noise are correlated: so many of them count as one.
-_ALIKE = 35 / 18
+_NOISE_RATIO = 35 / 18
 
 
 def noise_level(ball: Array, variance: Array) -> float:
@@ -276,7 +276,7 @@ def _noise_of(segment: Segment, belief: Belief, since: float) -> Evidence:
         if len(ball) >= MIN_SCREEN_SAMPLES:
             spans.append((begin, begin + PLATE_WINDOW_S))
             levels.append(noise_level(ball, np.maximum(belief.screen, 1e-12)))
-            counts.append(2 * (len(ball) - 2) / _ALIKE)
+            counts.append(2 * (len(ball) - 2) / _NOISE_RATIO)
     # the logarithm of a standard deviation from n values has variance 1 / (2 n)
     information = 2 * np.array(counts)
     score = information * np.array(levels)
@@ -288,7 +288,7 @@ MAX_WINDOW_S = 2.0
 """Longest window in s: long enough for a small force to show, short enough to stay near it."""
 MAX_EXPLAINING_STDS = 100.0
 """Deviations that may explain a window, in what an identified twin may be wrong by."""
-AT_ONCE = 500
+WINDOWS_AT_ONCE = 500
 """Windows that are worked on at once: more no longer fit the processor's cache."""
 MAX_START_STEPS = 8
 """Most Gauss-Newton steps that look for the ball's start in a window."""
@@ -320,12 +320,12 @@ def ball_windows(
 
 def portions(windows: int) -> Iterator[Mask]:
     """Parts of so many windows that are good to work on at a time."""
-    at = np.arange(windows) // AT_ONCE
+    at = np.arange(windows) // WINDOWS_AT_ONCE
     return (np.asarray(at == number) for number in range(at[-1] + 1))
 
 
 def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) -> Evidence:
-    """Evidence of ``BALL`` around parameters, the ball's start being whatever suits it best.
+    """Evidence of ``BALL_BELIEFS`` around parameters, with a free start of the ball.
 
     Args:
         windows: In which the ball moves, at least one.
@@ -334,7 +334,7 @@ def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) 
     """
     at = belief.theta if theta is None else theta[None]
     parts = [_expand(windows.take(part), belief, at) for part in portions(len(windows))]
-    return Evidence.beside(parts)
+    return Evidence.concatenate(parts)
 
 
 def _expand(windows: Windows, belief: Belief, theta: Array) -> Evidence:
@@ -347,15 +347,15 @@ def _expand(windows: Windows, belief: Belief, theta: Array) -> Evidence:
     spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK_S), last), axis=-1)
     height = -squares / 2
     stopping = windows.resting | (last - LOOKBACK_S < MAX_WINDOW_S - 2 * SAMPLE_BIN_S)
-    wide = np.maximum(belief.constant[: len(BALL_PARAMETERS)], 1e-9) * MAX_EXPLAINING_STDS
+    wide = np.maximum(belief.constant[: len(BALL_BELIEFS)], 1e-9) * MAX_EXPLAINING_STDS
     prior = np.diag(wide**2)
     # twice the log-likelihood that some deviation gains is the reduction of the squares
     gained = 2 * log_evidence(information, score, prior)
-    gained += np.linalg.slogdet(np.eye(len(BALL_PARAMETERS)) + information @ prior)[1]
-    left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL_PARAMETERS), 1)
+    gained += np.linalg.slogdet(np.eye(len(BALL_BELIEFS)) + information @ prior)[1]
+    left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL_BELIEFS), 1)
     left = np.maximum(left, 1.0)
     parts = {"height": height, "stopping": stopping, "dispersion": left}
-    return Evidence.of(BALL_PARAMETERS, spans, information, score, **parts)
+    return Evidence.of(BALL_BELIEFS, spans, information, score, **parts)
 
 
 def _without_start(
@@ -364,7 +364,7 @@ def _without_start(
     """Squares (W,), score (W, p) and information (W, p, p), the starts fitted along."""
     unknown = unknown_motion(windows, belief.values["delay"])
     size = float(np.hypot(belief.rough, belief.sloped))
-    line = line._replace(by_parameter=line.by_parameter[..., : len(BALL_PARAMETERS)])
+    line = line._replace(by_parameter=line.by_parameter[..., : len(BALL_BELIEFS)])
     left, _ = line.without_starts(size * unknown)
     return left[:, 0, 0], -left[:, 1:, 0], left[:, 1:, 1:]
 
@@ -425,7 +425,7 @@ def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> 
         score += np.einsum("iwk,wk->wi", J, e) / INNOVATIONS_PER_SAMPLE
     begin = segment.time[skipped] + PLATE_WINDOW_S * np.arange(count)
     spans = np.stack((begin, begin + PLATE_WINDOW_S), axis=-1)
-    return Evidence.of(DRIVE_PARAMETERS, spans, information, score)
+    return Evidence.of(DRIVE_BELIEFS, spans, information, score)
 
 
 def whiten(signals: Array, period: float, disturbance: float, encoder: float) -> Array:

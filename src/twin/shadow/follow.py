@@ -38,7 +38,7 @@ from twin.shadow.alarms import (
     resolution,
     weigh,
 )
-from twin.shadow.belief import BALL_PARAMETERS, OPEN_STD, WATCHED_PARAMETERS, Belief
+from twin.shadow.belief import BALL_BELIEFS, OPEN_STD, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
     NO_EVIDENCE,
     PLAY_WIDTHS_RAD,
@@ -85,14 +85,14 @@ UNEVENNESS_PERCENT = (10.0, 20.0, 5.0, 2.0, 0.0)
 
 @dataclass
 class Shadow:
-    """What the twin reports of a run, or has reported of it so far.
+    """Report of the twin on a run, up to now.
 
     Attributes:
         tests: The sequential tests.
         replays: None if the log is long enough for none.
         alarms: In the order of time; the causes of the last of a run in progress may not be
             settled yet.
-        told: Seconds in which the ball moved.
+        moved_s: Seconds in which the ball moved.
         source: What the log is called.
         length: Usable seconds of what was looked at last.
         taught: What the twin learned before it evaluated the log, in a sentence.
@@ -103,7 +103,7 @@ class Shadow:
     tests: SequentialTests
     replays: Replays | None = None
     alarms: list[Alarm] = field(default_factory=list)
-    told: float = 0.0
+    moved_s: float = 0.0
     source: str = ""
     length: float = 0.0
     taught: str = ""
@@ -115,7 +115,7 @@ class Shadow:
         """``alarm``, ``healthy`` or ``cannot tell``."""
         if self.alarms:
             return "alarm"
-        return "healthy" if self.told >= LEAST_TOLD else "cannot tell"
+        return "healthy" if self.moved_s >= LEAST_TOLD else "cannot tell"
 
     @property
     def score_median(self) -> float | None:
@@ -145,7 +145,7 @@ class Shadow:
             "replay_error_1s_mm": None if error is None else 1000 * error,
             "alarms": [each.as_dict() for each in self.alarms],
             "smallest_seen": resolution(self.tests),
-            "told_seconds": self.told,
+            "told_seconds": self.moved_s,
             "gaps": self.gaps.tolist(),
             "taught": self.taught,
             "notes": list(self.notes),
@@ -167,7 +167,7 @@ def shadow(log: Log, belief: Belief, *, learning: bool = False, replaying: bool 
     """
     follower = Follower(belief, learning=learning, replaying=replaying)
     follower.judge(log, whole=True)
-    result = follower.said
+    result = follower.result
     if not len(result.tests.soft) and not len(result.gaps):
         raise LogError(f"{log.source}: too short: {result.length:.1f} s; 3 s in a row are needed")
     return result
@@ -183,7 +183,7 @@ class Follower:
     """
 
     def __init__(self, belief: Belief, *, learning: bool = False, replaying: bool = True) -> None:
-        self.said = Shadow(SequentialTests(belief))
+        self.result = Shadow(SequentialTests(belief))
         self._belief, self._learning, self._replaying = belief, learning, replaying
         self._windows: Windows | None = None
         self._screen: FrictionMap | None = None
@@ -193,9 +193,10 @@ class Follower:
         self._since = {"replays": begin, "ball": begin, "plate": begin, "screen": begin}
 
     def judge(self, log: Log, *, whole: bool) -> list[Alarm]:
-        """What the twin finds in a log up to now: the alarms with their causes.
+        """Update the findings on a log up to now: the alarms with their causes.
 
-        An alarm is in ``said`` as soon as it is raised, without causes until enough has been seen.
+        An alarm is in ``result`` as soon as it is raised, without causes until enough has been
+        seen.
 
         Args:
             log: Its last rows, or all of it.
@@ -207,7 +208,7 @@ class Follower:
         now = float(log.time[-1])
         usable = self._of_late(prepare(replace(log, model=self._belief.model)), now)
         until = np.inf if whole else now - PENDING_S
-        result = self.said
+        result = self.result
         result.source, result.length, result.notes = usable.source, usable.length, usable.notes
         result.gaps = gaps(log, usable.period)
         if self._learning:
@@ -224,12 +225,12 @@ class Follower:
             raise LogError(f"{log.source}: the twin still learns, for {LEARNING_S:g} s")
         parts = (each.between(-np.inf, until) for each in log.segments)
         first = replace(log, segments=tuple(p for p in parts if p.length > MIN_SEGMENT_S))
-        before, self._belief = self._belief, learn(first, self._belief, self.said.gaps)
-        self.said.taught = taught(before, self._belief)
-        self.said.tests = SequentialTests(self._belief)
+        before, self._belief = self._belief, learn(first, self._belief, self.result.gaps)
+        self.result.taught = taught(before, self._belief)
+        self.result.tests = SequentialTests(self._belief)
         self._add(first, np.inf)
-        self.said.tests.forget()
-        self.said.told, self._learning = 0.0, False
+        self.result.tests.forget()
+        self.result.moved_s, self._learning = 0.0, False
         self._since["replays"] = until
 
     def _of_late(self, log: PreparedLog, now: float) -> PreparedLog:
@@ -245,7 +246,7 @@ class Follower:
         return replace(log, segments=tuple(parts))
 
     def _replay(self, log: PreparedLog, until: float) -> None:
-        result, since = self.said, self._since["replays"]
+        result, since = self.result, self._since["replays"]
         self._screen = self._screen or FrictionMap(self._belief)
         found = replays(log, self._belief, result.gaps, HORIZON_S, since, until, self._screen)
         if found is not None:
@@ -256,7 +257,7 @@ class Follower:
 
     def _add(self, log: PreparedLog, until: float) -> int:
         """Add the evidence of new windows; return how many there were before."""
-        result, belief = self.said, self._belief
+        result, belief = self.result, self._belief
         other = [
             plate_evidence(log, belief, result.gaps, self._since["plate"]),
             noise_evidence(log, belief, result.gaps, self._since["screen"]),
@@ -267,7 +268,7 @@ class Follower:
                 self._since[name] = float(part.end[-1])
         # new windows come after the old, also if one ends before an old one: none is reported twice
         new = Evidence.join([self._moving(log, until), *done])
-        self._other = Evidence.beside([self._other, Evidence.join(done)])
+        self._other = Evidence.concatenate([self._other, Evidence.join(done)])
         count = len(result.tests.ratio)
         if len(new):
             result.tests.add(new)
@@ -275,7 +276,7 @@ class Follower:
 
     def _moving(self, log: PreparedLog, until: float) -> Evidence:
         """Evidence of new windows in which the ball moves."""
-        windows, ends = ball_windows(log, self._belief, self.said.gaps, self._since["ball"])
+        windows, ends = ball_windows(log, self._belief, self.result.gaps, self._since["ball"])
         finished = np.asarray(ends <= until)
         self._since["ball"] = max(
             float(ends[finished].max(initial=self._since["ball"])),
@@ -285,7 +286,7 @@ class Follower:
             return NO_EVIDENCE
         windows = windows.take(finished)
         ball = ball_evidence(windows, self._belief)
-        self.said.told += float((ball.end - ball.begin).sum())
+        self.result.moved_s += float((ball.end - ball.begin).sum())
         if self._windows is None:
             self._ball, self._windows = ball, windows
         else:
@@ -295,7 +296,7 @@ class Follower:
         return ball.tempered(ball.dispersion)
 
     def _alarms(self, first: int, now: float, *, whole: bool) -> list[Alarm]:
-        result = self.said
+        result = self.result
         if not len(self._other):
             return []
         for window in result.tests.crossings:
@@ -313,7 +314,7 @@ class Follower:
 
     def _alarm(self, crossing: int) -> Alarm:
         """The alarm after a window: since when, and why."""
-        tests, belief = self.said.tests, self._belief
+        tests, belief = self.result.tests, self._belief
         soft = tests.soft
         end = float(soft.end[crossing]) + DIAGNOSIS_S
         last = int(np.searchsorted(soft.end, end, side="right")) - 1
@@ -431,7 +432,7 @@ def _fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, 
         ball = NO_EVIDENCE if windows is None else ball_evidence(windows, belief)
         others = [plate_evidence(log, belief, gaps), noise_evidence(log, belief, gaps)]
         soft, open_to = ball.softened(belief.changing), np.diag((belief.unit * OPEN_STD) ** 2)
-        every = Evidence.beside([soft, Evidence.join(others).softened(belief.changing)])
+        every = Evidence.concatenate([soft, Evidence.join(others).softened(belief.changing)])
         own, sums = (
             (each.information.sum(axis=0), each.score.sum(axis=0)) for each in (soft, every)
         )
@@ -448,7 +449,7 @@ def _fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, 
 
 
 def taught(before: Belief, after: Belief) -> str:
-    """What a twin has learned, in a sentence."""
+    """Describe what a twin has learned, in a sentence."""
     old, new = before.values, after.values
     level = np.degrees([new[name] - old[name] for name in ("level_phi", "level_theta")])
     return (
@@ -469,7 +470,7 @@ def shift_parameters(belief: Belief, by: Array) -> Belief:
     """
     off = dict(zip(WATCHED_PARAMETERS, by.tolist(), strict=True))
     values = dict(belief.values)
-    for name in BALL_PARAMETERS:
+    for name in BALL_BELIEFS:
         least = MIN_FRICTION_SHARE * values[name] if name == "rolling" else BOUNDS[name].least
         values[name] = float(np.clip(values[name] + off[name], least, BOUNDS[name].most))
     gap = off["narrow_play"] * PLAY_WIDTHS_RAD[0] + off["wide_play"] * PLAY_WIDTHS_RAD[1]

@@ -31,7 +31,7 @@ from twin.identify.windows import (
     edges_of,
     unknown_motion,
 )
-from twin.shadow.belief import BALL_PARAMETERS, MIN_UNEVENNESS, WATCHED_PARAMETERS, Belief
+from twin.shadow.belief import BALL_BELIEFS, MIN_UNEVENNESS, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import clear, portions, posterior
 from twin.sim.plant.friction import SurfaceMap
 
@@ -42,11 +42,11 @@ LEAD_S = 1.2
 UNKNOWN_ACCELERATION_STD = 4e-4
 """Standard deviation in m/s^2 of what the plate's play and cams, too, do to a ball unknown to the
 twin: as much as a tilt of 0.004 deg."""
-MAX_START_STEPS = 6
+MAX_HORIZON_STEPS = 6
 """Most Gauss-Newton steps that look for the ball's start."""
 
 
-MAP_SPACING_M = 0.045
+FRICTION_MAP_SPACING_M = 0.045
 """Distance in m between the points of a map, at most."""
 CORRELATION_LENGTH = 0.6
 """Length over which the friction is held to be alike, in patches of the screen."""
@@ -80,13 +80,15 @@ class FrictionMap:
     def __init__(self, belief: Belief) -> None:
         plant = belief.scenario.plant
         patch, spread = plant.surface.patch_mm / 1000, plant.surface.spread_percent / 100
-        shown = min(1.0, patch / MAP_SPACING_M)
+        shown = min(1.0, patch / FRICTION_MAP_SPACING_M)
         self.left = np.hypot(
             MIN_UNEVENNESS, spread * np.hypot(UNMAPPED_SHARE, np.sqrt(1 - shown**2))
         )
         """Standard deviation of what the map does not show."""
-        length = CORRELATION_LENGTH * max(patch, MAP_SPACING_M)
-        self.grid, self._prior = gaussian_field(plant.size, MAP_SPACING_M, shown * spread, length)
+        length = CORRELATION_LENGTH * max(patch, FRICTION_MAP_SPACING_M)
+        self.grid, self._prior = gaussian_field(
+            plant.size, FRICTION_MAP_SPACING_M, shown * spread, length
+        )
         units = np.eye(len(self._prior)).reshape(-1, *self.grid)
         self._units = SurfaceMap(relative=units, size=plant.size)
         self.mean, self.covariance = np.zeros(len(self._prior)), self._prior
@@ -122,11 +124,11 @@ class FrictionMap:
 
 
 class Smoothed(NamedTuple):
-    """What windows of ``LEAD`` say of what follows.
+    """Prediction from windows of ``LEAD`` on what follows.
 
     Attributes:
-        mean: Of the deviations of ``BALL`` and of the state's four numbers x, y, x', y' at the end
-            from what they are if the twin is right, shape (W, K).
+        mean: Of the deviations of ``BALL_BELIEFS`` and of the state's four numbers x, y, x', y' at
+            the end from what they are if the twin is right, shape (W, K).
         covariance: Of the same, shape (W, K, K).
         end: That state if the twin is right, shape (4, W).
         friction: Relative friction of every place as known by then.
@@ -143,10 +145,10 @@ class Smoothed(NamedTuple):
 def smooth(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -> Smoothed:
     """What windows say of the parameters, the ball's state when they are over, and the friction.
 
-    Unknown are the parameters of ``BALL``, the ball's state where a window begins, the forces that
-    nobody knows, and by how much the friction differs on each stretch of the way: all are
-    estimated along (a smoother), so that where the ball is at the end does not rest on how it came
-    there.
+    Unknown are the parameters of ``BALL_BELIEFS``, the ball's state where a window begins, the
+    forces that nobody knows, and by how much the friction differs on each stretch of the way: all
+    are estimated along (a smoother), so that where the ball is at the end does not rest on how it
+    came there.
 
     Args:
         windows: W windows.
@@ -154,8 +156,8 @@ def smooth(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -
         screen: Learns from one window after the other.
         whole: From which it may, shape (W,).
     """
-    problem, theta, count = belief.problem(windows), belief.theta, len(BALL_PARAMETERS)
-    starts = fit_starts(problem, theta, problem.initial_starts(), MAX_START_STEPS)
+    problem, theta, count = belief.problem(windows), belief.theta, len(BALL_BELIEFS)
+    starts = fit_starts(problem, theta, problem.initial_starts(), MAX_HORIZON_STEPS)
     line = problem.linearise(theta, starts)
     end, slopes, places, speeds = _end_state(problem, theta, starts)
     pushes, slowed = forces(belief, speeds), braking(belief, speeds)
@@ -164,7 +166,7 @@ def smooth(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -
     J = np.concatenate((line.by_parameter[0, ..., :count], line.by_start[0], *moved), axis=-1)  # noqa: N806
     # covariance of the unknowns before anything is seen; what an uneven screen makes of
     # the parameters is left out, as the friction and the forces are unknowns of their own
-    watched = [WATCHED_PARAMETERS.index(name) for name in BALL_PARAMETERS]
+    watched = [WATCHED_PARAMETERS.index(name) for name in BALL_BELIEFS]
     variance = (belief.constant**2 + belief.changing[0] ** 2 - belief.uneven**2)[watched]
     others, all_of = J.shape[-1] - slowed.shape[1], J.shape[-1]
     prior = np.eye(all_of)
@@ -260,10 +262,10 @@ def _end_state(
 ) -> tuple[Array, Array, Array, Array]:
     """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and the way to it.
 
-    Slopes by the parameters of ``BALL`` and the start, by finite differences; places in m and
-    velocities in m/s at every step, shape (N, 2, W).
+    Slopes by the parameters of ``BALL_BELIEFS`` and the start, by finite differences; places in m
+    and velocities in m/s at every step, shape (N, 2, W).
     """
-    steps = [BOUNDS[name].difference for name in BALL_PARAMETERS]
+    steps = [BOUNDS[name].difference for name in BALL_BELIEFS]
     size = np.array([*steps, *START_DIFFERENCES])
     thetas = np.repeat(theta, 1 + len(size), axis=0)
     begun = np.repeat(starts, 1 + len(size), axis=1)
@@ -335,9 +337,9 @@ def _sigma_points(before: Smoothed, belief: Belief) -> tuple[tuple[Array, Array]
     sides = np.moveaxis(np.stack((side, -side)), 2, 1)
     moved = mean + np.concatenate((np.zeros((1, windows, count)), *sides))
     every = np.tile(belief.theta[:, None], (len(moved), windows, 1))
-    for k, name in enumerate(BALL_PARAMETERS):
+    for k, name in enumerate(BALL_BELIEFS):
         every[..., k] = np.maximum(every[..., k] + moved[..., k], BOUNDS[name].least)
-    begun = end[:, None] + np.moveaxis(moved[..., len(BALL_PARAMETERS) :], -1, 0)
+    begun = end[:, None] + np.moveaxis(moved[..., len(BALL_BELIEFS) :], -1, 0)
     weights = np.full(len(moved), 1 / (2 * (count + SIGMA_POINT_WEIGHT)))
     weights[0] = SIGMA_POINT_WEIGHT / (count + SIGMA_POINT_WEIGHT)
     return (every, begun), weights
@@ -356,14 +358,14 @@ class Replays(NamedTuple):
         time: When each was started, s, shape (W,).
         error: Measured ball minus replay at the horizon, m, shape (W, 2); NaN without a sample.
         spread: Predicted covariance of it, m^2, shape (W, 2, 2).
-        told: Whether the ball moved, so that the replay shows anything, shape (W,).
+        moved: Whether the ball moved, so that the replay shows anything, shape (W,).
         path: Where the twin's ball is from the start on, every ``DRAWN`` steps, m, shape (W, N, 2).
     """
 
     time: Array
     error: Array
     spread: Array
-    told: Mask
+    moved: Mask
     path: Array
 
     def take(self, which: Mask) -> Replays:
@@ -398,8 +400,8 @@ class Replays(NamedTuple):
 
     @property
     def counted(self) -> Mask:
-        """Those that tell something, shape (W,)."""
-        return np.asarray(self.told & np.isfinite(self.error).all(axis=-1))
+        """Windows in which the ball moved and the error is finite, shape (W,)."""
+        return np.asarray(self.moved & np.isfinite(self.error).all(axis=-1))
 
 
 def replays(

@@ -24,7 +24,14 @@ from twin.run.files import run_name
 from twin.run.picture import RUN_COLOURS, styled_figure
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import Alarm, resolution
-from twin.shadow.belief import BELIEF_TABLES, CAUSE_SIZES, Belief, belief_of, beside, check_commands
+from twin.shadow.belief import (
+    BELIEF_TABLES,
+    CAUSE_SIZES,
+    Belief,
+    belief_of,
+    check_commands,
+    twin_for_log,
+)
 from twin.shadow.follow import DIAGNOSIS_S, LEARNING_S, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
@@ -32,7 +39,7 @@ from twin.view.recording import fix, new_stream, send
 from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, event_texts, in_view, line
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
-"""Is given new replays, and times and texts of what happened."""
+"""Called with new replays, and times and texts of events."""
 
 
 class Shown(NamedTuple):
@@ -61,7 +68,7 @@ class TwinStream:
         self._ball = f"{self._scene.plate}/twin_ball"
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not change: the ghost's shape, and the looks of the lines."""
+        """The constant parts: the ghost's shape, and the looks of the lines."""
         radius = self._scene.radius
         solid = rr.components.FillMode.Solid
         yield (
@@ -185,7 +192,7 @@ def _test(panel: Axes, found: Shadow) -> None:
 
 def sentences(found: Shadow) -> list[str]:
     """The verdict in words."""
-    moved_s, length = found.told, found.length
+    moved_s, length = found.moved_s, found.length
     words = []
     if found.verdict == "healthy":
         words.append(
@@ -223,14 +230,14 @@ def sentences(found: Shadow) -> list[str]:
 
 
 def indistinguishable(found: Shadow) -> list[str]:
-    """What a healthy verdict leaves open: changes too small to be seen, and a suspicion."""
+    """Limits of a healthy verdict: changes too small to be seen, and a suspicion."""
     words = []
     least = resolution(found.tests)
     if least:
         sizes = [
-            f"{RESOLVED[cause]} below {_size(cause, value, found.tests.belief)}"
+            f"{RESOLVED_CAUSES[cause]} below {_size(cause, value, found.tests.belief)}"
             for cause, value in least.items()
-            if cause in RESOLVED
+            if cause in RESOLVED_CAUSES
         ]
         words.append(f"Not distinguishable from healthy: a change of {', of '.join(sizes)}.")
     if found.tests.suspected:
@@ -243,7 +250,7 @@ def indistinguishable(found: Shadow) -> list[str]:
     return words
 
 
-RESOLVED = {
+RESOLVED_CAUSES = {
     "dead time": "the screen's dead time",
     "servo lag": "the drives' lag or dead time",
     "rolling friction": "rolling friction",
@@ -323,7 +330,7 @@ def examine(
     """
     if columns is not None:
         logged = read_any(log, wanted_columns(columns), separator)
-        recorded, belief = beside(logged, overrides)
+        recorded, belief = twin_for_log(logged, overrides)
     else:
         recorded = replace(read(log), source=run_name(log))
         check_ranges(recorded)
@@ -336,9 +343,9 @@ def examine(
     return found
 
 
-POLL_INTERVAL_S = 0.2
+FOLLOW_INTERVAL_S = 0.2
 """Seconds between two looks for new rows."""
-MAX_ROWS_AT_ONCE = 1000
+MAX_FOLLOWED_ROWS = 1000
 """Rows taken at a time, so that one sees a twin that is behind a fast run go on."""
 SCORE_EVERY = 10.0
 """Seconds of the run between two lines with its score."""
@@ -360,7 +367,7 @@ def work(buffer: Address, scenario: Scenario, shown: Shown | None, learning: boo
         _print(f"twin: learns for {LEARNING_S:g} s before it judges")
     commentary = Commentary(follower, _print)
     with closing(SharedRingBuffer(*buffer)) as ring:
-        for block in ring.blocks(POLL_INTERVAL_S, MAX_ROWS_AT_ONCE):
+        for block in ring.blocks(FOLLOW_INTERVAL_S, MAX_FOLLOWED_ROWS):
             if block:
                 commentary.take(block, tell)
         commentary.end(tell, ring.dropped)
@@ -405,7 +412,7 @@ class Commentary:
             self._line(f"twin: missed {dropped} rows of the run; its page has them all")
 
     def _say(self, explained: list[Alarm], tell: Tell) -> None:
-        found = self._follower.said
+        found = self._follower.result
         if found.taught != self._taught:
             self._taught = found.taught
             self._line(f"twin: {found.taught}")
@@ -431,14 +438,14 @@ class Commentary:
 
     def _score(self, every: float) -> None:
         """A line with the score since the last one, if that is long enough ago."""
-        run = self._follower.said.replays
+        run = self._follower.result.replays
         if run is None or not len(run.time):
             return
         end = run.time + HORIZON_S
         if end[-1] - self._scored < max(every, 1e-9):
             return
         of_late = run.take(end > self._scored)
-        late = replace(self._follower.said, replays=of_late)
+        late = replace(self._follower.result, replays=of_late)
         self._scored = float(end[-1])
         if late.score_median is None:
             self._line(f"twin: {end[-1]:.0f} s, cannot tell: the ball rests or is not seen")

@@ -1,1 +1,1 @@
-"""What is simulated: plants, sensors, drives, and the rig made of them."""
+"""The simulation: plants, sensors, drives, and the rig made of them."""

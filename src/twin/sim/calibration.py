@@ -22,7 +22,7 @@ from twin.sim.plant.model import load_model, motor_ratio
 from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 
 _BALL_OFF = (0.6, 0.0, 0.0, 0.0)
-"""Start of the ball in a calibration: beside the screen, so that it falls off the rig."""
+"""Start of the ball in a calibration: next to the screen, so that it falls off the rig."""
 
 
 TABLE_POINTS, GRID_LINES = 13, 21
@@ -107,7 +107,7 @@ MECHANISM_STATES = (
 """Ball and plate as in (5.5); motor angles and rates; the servos' set points in rad; the rates at
 which the ball turns about the axes x and y in rad/s, which follow its speed within some 20 ms."""
 
-DIFFERENCE_STEP = 1e-7
+STATE_DIFFERENCE_STEP = 1e-7
 LEAST_LEAK = 1e-6
 
 
@@ -115,7 +115,7 @@ class LinearMechanism(NamedTuple):
     """x[k+1] = A x[k] + B u[k] from one physics step to the next, u being held motor rates.
 
     Attributes:
-        A: Shape (16, 16), states as ``STATES`` says.
+        A: Shape (16, 16), states in the order of ``STATES``.
         B: Shape (16, 2), from motor rates (phi, theta) in rad/s.
         step: Physics step in s.
         ratio: Motor angle per plate angle about level, dimensionless; of rods (phi, theta).
@@ -130,10 +130,10 @@ class LinearMechanism(NamedTuple):
 def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> LinearMechanism:
     """The mechanism about the level plate with its ball at rest on the centre.
 
-    Dry friction, of the rolling ball and of the plate's joints, is left out: what it holds has no
-    motion to linearise. So is a tilt of the base, under which the ball does not rest. Of the
-    engine's states those are dropped that the others do not depend on: height, attitude and spin
-    of the ball.
+    Dry friction, of the rolling ball and of the plate's joints, is left out: a body that it
+    holds has no motion to linearise. So is a tilt of the base, under which the ball does not rest.
+    Of the engine's states those are dropped that the others do not depend on: height, attitude and
+    spin of the ball.
 
     Args:
         parts: What differs from the model file.
@@ -155,7 +155,7 @@ def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> L
     size = 2 * model.nv + model.na
     A, B = np.zeros((size, size)), np.zeros((size, model.nu))
     C = np.zeros((model.nsensordata, size))
-    mujoco.mjd_transitionFD(model, data, DIFFERENCE_STEP, True, A, B, C, None)
+    mujoco.mjd_transitionFD(model, data, STATE_DIFFERENCE_STEP, True, A, B, C, None)
     T = np.concatenate((_kept_states(model, C), _dropped_states(model)))
     n = len(MECHANISM_STATES)
     A = T @ A @ np.linalg.inv(T)

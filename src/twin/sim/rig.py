@@ -1,4 +1,4 @@
-"""A rig whose devices are simulated: any plant behind imperfect drives and sensors.
+"""A rig with simulated devices: any plant behind imperfect drives and sensors.
 
 Of the drives here: what lies between a commanded motor rate and the plate's (a servo that goes to a
 position, bandwidth, vibration, and a drive train of play, hysteresis and a soft part), and
@@ -27,17 +27,17 @@ from twin.sim import sensors
 from twin.sim.plant.interface import Plant
 from twin.sim.sensors import Noise, Rigs
 
-SERVO = Followers(
+SERVO_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
     identify="has the plate's angles from its encoders, and finds of the drives their lag alone",
     symbols="have the plate's acceleration as their input",
 )
-POSITION = SERVO.by("position_servo")
-LAG = replace(SERVO, identify=FREE)
-LOST_MOTION = replace(SERVO, identify="leaves it to ballplate calibrate lost-motion")
-CAMS = replace(SERVO, identify="has the plate's angles from its encoders")
+POSITION_FOLLOWERS = SERVO_FOLLOWERS.by("position_servo")
+LAG_FOLLOWERS = replace(SERVO_FOLLOWERS, identify=FREE)
+LOST_MOTION = replace(SERVO_FOLLOWERS, identify="leaves it to ballplate calibrate lost-motion")
+CAM_FOLLOWERS = replace(SERVO_FOLLOWERS, identify="has the plate's angles from its encoders")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class TransmissionError:
         "rig.cam_error_percent",
         (0.0, 0.0),
         Unit.PERCENT,
-        followed_by=CAMS.by("cams"),
+        followed_by=CAM_FOLLOWERS.by("cams"),
         ge=-20,
         le=20,
     )
@@ -64,7 +64,7 @@ class TransmissionError:
         "rig.cam_coupling_percent",
         0.0,
         Unit.PERCENT,
-        followed_by=CAMS.by("cam_coupling"),
+        followed_by=CAM_FOLLOWERS.by("cam_coupling"),
         ge=-20,
         le=20,
     )
@@ -111,7 +111,7 @@ class PerRigTransmission:
         return found
 
 
-SWUNG = math.radians(5.0)
+MAX_SWING_RAD = math.radians(5.0)
 """How far a plate on a soft drive train may swing further as it is levelled, rad; no encoder of a
 simulated rig counts the wrong way."""
 
@@ -119,8 +119,8 @@ simulated rig counts the wrong way."""
 class Vibration:
     """Rates of both axes of N plates that swing by themselves, a quarter turn apart.
 
-    A steady one is a sine. A random one is a sum of sine and cosine whose sizes wander: white noise
-    through a first-order lag each (Ornstein-Uhlenbeck), so narrow-band noise of the same rms.
+    A steady one is a sine. A random one is a sum of sine and cosine with random amplitudes: white
+    noise through a first-order lag each (Ornstein-Uhlenbeck), so narrow-band noise of the same rms.
 
     Args:
         period: Control period in s.
@@ -186,10 +186,10 @@ class TrainPart(ABC):
     acts: NDArray[np.bool_]
 
     def go_on(self, before: Any, rate: Array) -> None:
-        """Begin in the state of another one of its kind.
+        """Begin in the state of an earlier part of the same kind.
 
         Args:
-            before: That one.
+            before: The earlier part.
             rate: Rates of the input in rad/s now, shape (N, 2).
         """
         del rate
@@ -209,16 +209,15 @@ class TrainPart(ABC):
 class PositionServo(TrainPart):
     """A servo that goes to a position: to the sum of the turns that it was commanded, if it can.
 
-    It hears of that angle late, between two periods by a straight line, and rounds it to its steps.
-    It stands until that is further away than its dead band, then it goes there, however that moves
-    on, as fast as it can; what it has not yet turned it does not forget. Limited in acceleration it
-    brakes in time to stop there, so that a step is followed in the shortest time (bang-bang, in
-    whole periods).
+    It gets that angle late, interpolated between two periods, and rounds it to its steps. It stands
+    until the angle is further away than its dead band. Then it follows the angle as fast as it can,
+    and keeps the turn that is still due. With limited acceleration it brakes in time to stop there,
+    so that a step is followed in the shortest time (bang-bang, in whole periods).
 
     Args:
         about: Largest rate in rad/s and acceleration in rad/s^2, 0 for any; dead band and steps in
             rad, 0 for none; shape (N, 1) each.
-        dead_time: From a command to what it makes of it, s, shape (N, 1).
+        dead_time: Time from a command to the beginning of its motion, s, shape (N, 1).
         period: Control period in s.
     """
 
@@ -241,7 +240,7 @@ class PositionServo(TrainPart):
         self._goes = np.zeros((len(slew), 2), bool)
 
     def go_on(self, before: PositionServo, rate: Array) -> None:
-        """Begin in the state of another one, at commanded rates in rad/s, shape (N, 2)."""
+        """Begin in the state of ``before``, at commanded rates in rad/s, shape (N, 2)."""
         known = before._late[1][:, None] + (before._share > 0)
         order = np.minimum(np.arange(self._commanded.shape[1]), known)
         super().go_on(before, rate)
@@ -361,7 +360,7 @@ class Resonance(TrainPart):
         self._d, self._d_rate, self._motor_rate = still
 
     def go_on(self, before: Resonance, rate: Array) -> None:
-        """Begin in the state of another one, at input rates in rad/s, shape (N, 2)."""
+        """Begin in the state of ``before``, at input rates in rad/s, shape (N, 2)."""
         super().go_on(before, rate)
         self._motor_rate = np.where(before.acts, before._motor_rate, rate)
 
@@ -410,12 +409,14 @@ class DriveModel:
             answer to the screen's noise, which the twin makes by itself.
     """
 
-    slew: Number = ramp("plant.servo.slew_deg", 0.0, Unit.DEG, followed_by=POSITION, ge=0, le=3600)
+    slew: Number = ramp(
+        "plant.servo.slew_deg", 0.0, Unit.DEG, followed_by=POSITION_FOLLOWERS, ge=0, le=3600
+    )
     acceleration: Number = ramp(
         "plant.servo.acceleration_deg",
         0.0,
         Unit.DEG,
-        followed_by=POSITION,
+        followed_by=POSITION_FOLLOWERS,
         ge=0,
         le=1e6,
     )
@@ -423,7 +424,7 @@ class DriveModel:
         "plant.servo.deadband_deg",
         0.0,
         Unit.DEG,
-        followed_by=POSITION,
+        followed_by=POSITION_FOLLOWERS,
         ge=0,
         le=5,
     )
@@ -431,13 +432,15 @@ class DriveModel:
         "plant.servo.resolution_deg",
         0.0,
         Unit.DEG,
-        followed_by=POSITION,
+        followed_by=POSITION_FOLLOWERS,
         ge=0,
         le=5,
     )
-    dead_time: Number = ramp("plant.servo.dead_time", 0.0, followed_by=POSITION, ge=0, le=0.1)
+    dead_time: Number = ramp(
+        "plant.servo.dead_time", 0.0, followed_by=POSITION_FOLLOWERS, ge=0, le=0.1
+    )
     bandwidth: Number = ramp(
-        "plant.servo.bandwidth_hz", 0.0, followed_by=LAG.by("bandwidth"), ge=0, le=1000
+        "plant.servo.bandwidth_hz", 0.0, followed_by=LAG_FOLLOWERS.by("bandwidth"), ge=0, le=1000
     )
     backlash: Number = ramp(
         "plant.servo.backlash_deg",
@@ -456,22 +459,34 @@ class DriveModel:
         le=5,
     )
     resonance: Number = ramp(
-        "plant.servo.resonance_hz", 0.0, followed_by=SERVO.by("resonance"), ge=0, le=100
+        "plant.servo.resonance_hz", 0.0, followed_by=SERVO_FOLLOWERS.by("resonance"), ge=0, le=100
     )
     resonance_damping: Number = ramp(
-        "plant.servo.resonance_damping", 0.05, followed_by=SERVO.by("resonance", SHAPE), ge=0, lt=1
+        "plant.servo.resonance_damping",
+        0.05,
+        followed_by=SERVO_FOLLOWERS.by("resonance", SHAPE),
+        ge=0,
+        lt=1,
     )
     vibration: Number = ramp(
-        "plant.servo.vibration", 0.0, followed_by=SERVO.by("shaking"), ge=0, le=100
+        "plant.servo.vibration", 0.0, followed_by=SERVO_FOLLOWERS.by("shaking"), ge=0, le=100
     )
     vibration_frequency: Number = setting(
-        "plant.servo.vibration_hz", 13.0, followed_by=SERVO.by("shaking", SHAPE), gt=0, le=250
+        "plant.servo.vibration_hz",
+        13.0,
+        followed_by=SERVO_FOLLOWERS.by("shaking", SHAPE),
+        gt=0,
+        le=250,
     )
     vibration_wander: Number = setting(
-        "plant.servo.vibration_wander", 0.0, followed_by=SERVO.by("shaking", SHAPE), ge=0, le=1000
+        "plant.servo.vibration_wander",
+        0.0,
+        followed_by=SERVO_FOLLOWERS.by("shaking", SHAPE),
+        ge=0,
+        le=1000,
     )
     disturbance: tuple[float, float] | Array = ramp(
-        "disturbance.variance", (0.0, 0.0), followed_by=SERVO.by("disturbance"), ge=0
+        "disturbance.variance", (0.0, 0.0), followed_by=SERVO_FOLLOWERS.by("disturbance"), ge=0
     )
 
     def servo(self, period: float, ratio: Number = 1.0, rigs: int = 1) -> PositionServo:
@@ -501,13 +516,13 @@ class SimulatedDrives:
         self._period, self._ratio, self._rigs = period, ratio, len(seeds)
         self._rate: Array = np.zeros((self._rigs, 2))
         self.ahead: Array = np.zeros((self._rigs, 2))
-        """By how much the motors have turned further than the shafts, rad, shape (N, 2)."""
+        """Angles by which the motors are ahead of the shafts, rad, shape (N, 2)."""
         self._every: tuple[TrainPart, ...] = ()
         self._vibration = Vibration(period, seeds)
         self._equip(model)
 
     def change(self, model: DriveModel, rate: Array) -> None:
-        """Have the imperfections of another model from now on.
+        """Have the imperfections of a new model from now on.
 
         Args:
             model: The imperfections.
@@ -616,7 +631,7 @@ class SimulatedDevices:
         self._look()
 
     def _shaken(self, drives: DriveModel) -> Array:
-        """Variances of the steps of the motor rates whose sum are the plate's accelerations."""
+        """Variances of the steps of the motor rates that add up to the plate's accelerations."""
         return (self.plant.ratio * self._period) ** 2 * np.asarray(drives.disturbance)
 
     def change(self, model: sensors.TouchModel | sensors.EncoderModel | DriveModel) -> None:
@@ -729,7 +744,7 @@ class SimulatedRig(Rig):
             screen=devices,
             clock=devices,
             transmission=transmission,
-            supervisor=Supervisor(limits, period, devices.plant.rigs, grown=SWUNG),
+            supervisor=Supervisor(limits, period, devices.plant.rigs, grown=MAX_SWING_RAD),
             period=period,
             anchor=anchor,
         )

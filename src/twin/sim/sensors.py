@@ -1,4 +1,4 @@
-"""What a simulated rig measures with: noise, plate encoders, touch screen."""
+"""Sensors of a simulated rig: noise, plate encoders, touch screen."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HeldPeriods = int | NDArray[np.integer]
 class Noise:
     """White Gaussian noise of N rigs, held for a number of control periods.
 
-    Each rig draws from its own stream, so its noise does not depend on how many rigs run beside it.
+    Each rig draws from its own stream, so its noise does not depend on the number of rigs.
 
     Args:
         variance: One variance per channel, shape (channels,), or (N, channels).
@@ -50,7 +50,7 @@ class Noise:
         self.change(variance)
 
     def change(self, variance: ArrayLike) -> None:
-        """Have another variance from now on; what is drawn differs by its scale alone.
+        """Have a new variance from now on; only the scale of the drawn numbers changes.
 
         Args:
             variance: One per channel, shape (channels,), or (N, channels).
@@ -77,7 +77,7 @@ class Noise:
         return self._block[index, self._rows]
 
     def adopt(self, rigs: Rigs, other: Noise) -> None:
-        """Let some rigs go on with the streams of another noise, from where each of those is.
+        """Let some rigs go on with the streams of ``other``, from the present place of each.
 
         Args:
             rigs: Which.
@@ -116,10 +116,10 @@ def periods(time: Array, period: float) -> tuple[NDArray[np.integer], Array]:
 
 
 ENCODER_COUNTS_PER_TURN = 245760
-"""Of a plate encoder per turn."""
+"""Counts of a plate encoder per turn."""
 
 
-ENCODERS = Followers(
+ENCODER_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
@@ -143,13 +143,13 @@ class EncoderModel:
     counts: Number = setting(
         "sensors.encoders.counts",
         ENCODER_COUNTS_PER_TURN,
-        followed_by=ENCODERS.by("encoders", 0),
+        followed_by=ENCODER_FOLLOWERS.by("encoders", 0),
         ge=0,
     )
     variance: tuple[float, float] | Array = ramp(
         "sensors.encoders.variance",
         (1.5433e-10, 1.1580e-10),
-        followed_by=ENCODERS.by("encoders", (0.0, 0.0)),
+        followed_by=ENCODER_FOLLOWERS.by("encoders", (0.0, 0.0)),
         otherwise=(0.0, 0.0),
         ge=0,
     )
@@ -174,7 +174,7 @@ class SimulatedEncoders:
         self._count = constant(2 * math.pi / np.where(self._exact, 1.0, counts))
 
     def change(self, model: EncoderModel) -> None:
-        """Have the noise of another model from now on."""
+        """Have the noise of a new model from now on."""
         self._noise.change(model.variance)
 
     def adopt(self, rigs: Rigs, other: SimulatedEncoders) -> None:
@@ -191,11 +191,11 @@ class SimulatedEncoders:
         return plate
 
 
-SCREEN = ENCODERS
-FRAMES = SCREEN.by("frames")
-DELAY = replace(SCREEN, identify=FREE, symbols=GIVEN)
-SIZE = replace(
-    SCREEN,
+SCREEN_FOLLOWERS = ENCODER_FOLLOWERS
+FRAME_FOLLOWERS = SCREEN_FOLLOWERS.by("frames")
+DELAY_FOLLOWERS = replace(SCREEN_FOLLOWERS, identify=FREE, symbols=GIVEN)
+SIZE_FOLLOWERS = replace(
+    SCREEN_FOLLOWERS,
     explain="compares no builds of a rig",
     identify="fits samples from the screen, however large it is",
     symbols="bound the ball by the operating area",
@@ -225,33 +225,45 @@ class TouchModel:
     """
 
     size: tuple[float, float] | Array = setting(
-        "plant.size", SCREEN_SIZE_M, followed_by=SIZE, ge=0.05, le=5
+        "plant.size", SCREEN_SIZE_M, followed_by=SIZE_FOLLOWERS, ge=0.05, le=5
     )
     dead_time: Number = ramp(
-        "sensors.touch.dead_time", 0.042, followed_by=DELAY.by("deadtime", 0.0), ge=0, le=1
+        "sensors.touch.dead_time",
+        0.042,
+        followed_by=DELAY_FOLLOWERS.by("deadtime", 0.0),
+        ge=0,
+        le=1,
     )
     spread: Number = setting(
-        "sensors.touch.dead_time_spread", 0.0, followed_by=SCREEN.by("spread"), ge=0, le=0.1
+        "sensors.touch.dead_time_spread",
+        0.0,
+        followed_by=SCREEN_FOLLOWERS.by("spread"),
+        ge=0,
+        le=0.1,
     )
-    jitter: Number = ramp("sensors.touch.jitter", 0.0, followed_by=FRAMES, ge=0, le=0.1)
-    lost: Number = ramp("sensors.touch.lost", 0.0, followed_by=FRAMES, ge=0, le=0.9)
+    jitter: Number = ramp("sensors.touch.jitter", 0.0, followed_by=FRAME_FOLLOWERS, ge=0, le=0.1)
+    lost: Number = ramp("sensors.touch.lost", 0.0, followed_by=FRAME_FOLLOWERS, ge=0, le=0.9)
     hidden: tuple[float, float, float, float] | Array = jump(
-        "sensors.touch.hidden", (0.0,) * 4, followed_by=FRAMES
+        "sensors.touch.hidden", (0.0,) * 4, followed_by=FRAME_FOLLOWERS
     )
     rotation: Number = ramp(
         "sensors.touch.rotation_deg",
         0.0,
         Unit.DEG,
-        followed_by=SCREEN.by("coupling"),
+        followed_by=SCREEN_FOLLOWERS.by("coupling"),
         ge=-45,
         le=45,
     )
-    frame_rate: Number = jump("sensors.touch.frame_rate", 0.0, followed_by=FRAMES, ge=0, le=10_000)
-    grid: Number = setting("sensors.touch.grid", 4096, followed_by=SCREEN.by("touch", 0), ge=0)
+    frame_rate: Number = jump(
+        "sensors.touch.frame_rate", 0.0, followed_by=FRAME_FOLLOWERS, ge=0, le=10_000
+    )
+    grid: Number = setting(
+        "sensors.touch.grid", 4096, followed_by=SCREEN_FOLLOWERS.by("touch", 0), ge=0
+    )
     variance: tuple[float, float] | Array = ramp(
         "sensors.touch.variance",
         (7.2538e-7, 1.7721e-7),
-        followed_by=SCREEN.by("touch", (0.0, 0.0)),
+        followed_by=SCREEN_FOLLOWERS.by("touch", (0.0, 0.0)),
         otherwise=(0.0, 0.0),
         ge=0,
     )
@@ -285,7 +297,7 @@ class SimulatedScreen:
         self._model = model
         self._noise = Noise(model.variance, [s.spawn(1)[0] for s in seeds], hold)
         self._offset = np.array([np.random.default_rng(s.spawn(1)[0]).random() for s in seeds])
-        # Streams of their own, beside those spawned: with and without spread, all else is the same.
+        # Streams of their own, apart from the spawned ones: the spread changes nothing else.
         apart = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1000)) for s in seeds]
         self._spread = Noise(each(model.spread)[:, None] ** 2, apart, hold)
         clocks = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1001)) for s in seeds]
@@ -337,7 +349,7 @@ class SimulatedScreen:
         self._whole = int(whole[0]) if len(set(delay.tolist())) == 1 else whole
 
     def change(self, model: TouchModel) -> None:
-        """Have the imperfections of another model from now on.
+        """Have the imperfections of a new model from now on.
 
         Where samples take longer than before, the oldest that is kept, at most two periods older
         than the one shown, stays until the next one has arrived.
@@ -350,7 +362,7 @@ class SimulatedScreen:
         if all(map(np.array_equal, (model.dead_time, model.spread, model.frame_rate), waits)):
             return
         delay, spread = np.broadcast_arrays(model.dead_time, model.spread, self._frame)[:2]
-        kept, own = self._length, self._own  # a rig has what it would have alone
+        kept, own = self._length, self._own  # each rig has the values it would have alone
         self._wait(np.asarray(delay, float), np.asarray(spread, float))
         ago = np.arange(self._length)
         # which of the rows that were kept stands where in the new ring

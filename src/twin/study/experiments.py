@@ -155,8 +155,8 @@ ROW_SCHEMA = pa.schema(
 class Store:
     """The finished runs in a folder, one file a chunk, named by what is in it.
 
-    A file is written under another name and renamed, so that a killed study leaves whole chunks or
-    none; what is in no file is run again.
+    A file is written under a temporary name and renamed, so that a killed study leaves whole chunks
+    or none; what is in no file is run again.
 
     Args:
         folder: Where; made for the first chunk. None keeps them in memory alone.
@@ -234,7 +234,7 @@ MAX_BATCH_RUNS = 256
 MIN_CHUNKS_PER_PROCESS = 8
 """So many chunks every processor has at least where they have more than ``CHUNK`` runs."""
 CHUNK_RUNS = 64
-"""Runs from which on a larger batch is hardly faster."""
+"""Number of runs above which a larger batch is hardly faster."""
 MAX_UNKEPT_RUNS = 512
 """Most runs of a batch where a kill may cost all: of 12 s each they take 0.25 GB."""
 MIN_BATCH_RUNS = 16
@@ -242,7 +242,7 @@ MIN_BATCH_RUNS = 16
 MAX_PENDING_CHUNKS = 256
 """Chunks that are under way on other machines even if few workers are known: more may join."""
 MAX_RETRIES = 3
-"""So often a chunk is tried whose worker was lost."""
+"""Number of times that a chunk is tried again after its worker was lost."""
 
 Do = Callable[[Sequence[Job]], list[Row]]
 
@@ -295,12 +295,12 @@ def carry(
         processes: So many of them, or of its workers; None for one a processor.
         do: What carries out a chunk in place of ``carry_out``; a function of a module, because it
             goes to other processes.
-        progress: Told how many runs are finished, and how many of those did not end well.
+        progress: Called with the number of finished runs, and how many of those did not end well.
         whole: Whether chunks are as large as can be, see ``missing``.
 
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
-        KeyboardInterrupt: If the user interrupts: it says how much is kept.
+        KeyboardInterrupt: If the user interrupts; its message has how much is kept.
     """
     count, do = processes or cores(), do or partial(carry_out, seen=work.seen)
     known, chunks = remaining(work.tasks, store, count, whole=whole)

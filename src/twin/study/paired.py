@@ -58,7 +58,7 @@ def paired_differences(
 
     The interval is Student's t over what is independent: points that were drawn one by one
     (``montecarlo``, and ``lhs``, for which it is wide), the two points drawn in each block of a
-    ``sobol`` design, or the noises of a ``grid``, whose points are chosen.
+    ``sobol`` design, or the noises of a ``grid``, which has chosen points.
 
     Args:
         values: Name of a variant and its metric, NaN for a failed run, shape (K,), the runs of all

@@ -1,4 +1,4 @@
-"""What a study says: indices, curves and spreads of its rows, in sentences, figures and files."""
+"""The report of a study: indices, curves and spreads of its rows, in sentences and figures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from twin.base.data_file import read_toml
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.base.writing import write_whole
 from twin.run.picture import literal, style, styled_figure
-from twin.run.tables import LABELS
+from twin.run.tables import INDICATOR_LABELS
 from twin.study.experiments import label_rows
 from twin.study.paired import PairedDifference, paired_differences, student_half_width
 from twin.study.schema import Point, Study
@@ -285,12 +285,12 @@ def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> C
 
 
 REPORT_WORDS = read_toml(Path(__file__).with_name("words.toml"))
-"""What figures and indices are called."""
+"""Words for figures and indices."""
 FAILED_COLOUR = "#B00000"
 MAX_SCATTER_PANELS = 12
 """Parameters over each of which the metric is drawn."""
 MIN_QUANTILE_RUNS = 20
-"""Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
+"""Number of runs needed for a 5 % quantile and for a rate of failure."""
 
 
 def drawn_figures(study: Study, found: Sequence[Answer]) -> list[str]:
@@ -311,7 +311,7 @@ def figures(study: Study, found: Sequence[Answer]) -> dict[str, Figure]:
 
 def metric_label(study: Study) -> str:
     """The first metric in words, with its unit."""
-    words, unit = LABELS[study.metrics[0]]
+    words, unit = INDICATOR_LABELS[study.metrics[0]]
     unit = "m" if unit == "mm" else unit
     return f"{words} [{unit}]" if unit else words
 
@@ -355,7 +355,7 @@ def _draw_indices(study: Study, found: Sequence[Answer]) -> Figure:
         panel.axvline(0, color="0.3", lw=0.8)
         panel.set(
             xlabel=f"{REPORT_WORDS['axis'][study.method]}; hollow: undecided",
-            title=f"What the {LABELS[study.metrics[0]][0]} depends on",
+            title=f"What the {INDICATOR_LABELS[study.metrics[0]][0]} depends on",
             yticks=range(len(keys)),
             yticklabels=keys,
         )
@@ -386,9 +386,9 @@ def _draw_curves(study: Study, found: Sequence[Answer]) -> Figure:
                 if answer.curves:
                     label = literal(answer.variant) if number == 0 else None
                     _draw_curve(panel, answer.curves[number], label, k)
-            panel.set(xlabel=parameter_label(study, curve.key))
+            panel.set(xlabel=literal(parameter_label(study, curve.key)))
             if curve.where:
-                panel.set_title(where_label(study, curve.where), fontsize=9)
+                panel.set_title(literal(where_label(study, curve.where)), fontsize=9)
         # from 0 on, unless the metric can be negative
         least = min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
         panels[0].set(ylabel=metric_label(study), ylim=(least, None))
@@ -428,7 +428,7 @@ def _draw_scatter(study: Study, found: Sequence[Answer]) -> Figure:
                 if failed.any():
                     foot = np.zeros(failed.sum())
                     panel.plot(x[failed], foot, "x", color=FAILED_COLOUR, ms=5, clip_on=False)
-            panel.set(xlabel=parameter_label(study, key))
+            panel.set(xlabel=literal(parameter_label(study, key)))
         for panel in panels[:, 0]:
             panel.set(ylabel=metric_label(study))
         if any(answer.whole.failed for answer in found):
@@ -507,8 +507,8 @@ def _importance(found: Sequence[Answer], metric: str) -> list[str]:
     words = []
     for key, who in sorted(names.items(), key=lambda item: -len(item[1])):
         if who:
-            told = "all variants" if 1 < len(who) == len(found) else ", ".join(who)
-            words.append(f"{key} matters to {metric}{': ' if one else ' for '}{told}.")
+            variants = "all variants" if 1 < len(who) == len(found) else ", ".join(who)
+            words.append(f"{key} matters to {metric}{': ' if one else ' for '}{variants}.")
     every = [index for answer in found for index in answer.indices if not names[index.key]]
     undecided = list(dict.fromkeys(index.key for index in every if not index.negligible))
     negligible = list(dict.fromkeys(index.key for index in every if index.key not in undecided))
@@ -546,7 +546,8 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         first, second = REPORT_WORDS["names"].get(study.method, ("", ""))
         heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
         blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
-    note = f"Beside this page, as data: rows.parquet, rows.csv{', figures/' if pictures else ''}."
+    more = ", figures/" if pictures else ""
+    note = f"In the folder of this page, as data: rows.parquet, rows.csv{more}."
     blocks.append(Text([what_ran(work)], "The study", note))
     page.write(folder / "report.html", study.title, blocks)
 
@@ -557,7 +558,7 @@ def inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
 
 
 def what_ran(work: Work) -> str:
-    """What was run, in words."""
+    """Description of the runs."""
     study = work.study
     steps = " and ".join(f"{1000 * step:g}" for step in sorted(work.steps))
     return (

@@ -1,4 +1,4 @@
-"""What a study, and a family of rigs that are drawn, may say in their files, checked."""
+"""Form of the files of a study and of a family of rigs, checked."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from twin.run.files import MOTION_INDICATORS
 
 
 class Parameter(Checked):
-    """What a parameter may be: a distribution by quantiles, or a list of values.
+    """Values of a parameter: a distribution by quantiles, or a list of values.
 
     Exactly one of ``uniform`` (low, high), ``loguniform`` (low, high), ``normal`` (mean, standard
     deviation, low, high: cut there), ``integers`` (first, last), ``values``. With ``relative`` the
-    value is a factor on what the scenario or variant says.
+    value is a factor on the value of the scenario or variant.
     """
 
     uniform: tuple[float, float] | None = None
@@ -86,7 +86,7 @@ class Parameter(Checked):
             cut = stats.truncnorm((low - mean) / deviation, (high - mean) / deviation)
             return np.asarray(mean + deviation * cut.ppf(quantiles))
         if self.loguniform is not None:
-            # numpy's power differs in its last bit from one processor to another
+            # numpy's power differs in its last bit between processors
             return column([low * (high / low) ** q for q in quantiles.tolist()])
         return low + (high - low) * quantiles
 
@@ -115,8 +115,8 @@ class Family(Checked):
     """A family of rigs.
 
     Attributes:
-        title: What it is about.
-        parameters: Dotted scenario key to what it may be, each drawn by itself.
+        title: Subject, in a line.
+        parameters: Dotted scenario key to its distribution, each drawn by itself.
     """
 
     title: str
@@ -127,8 +127,8 @@ class FamilyRig(NamedTuple):
     """One rig of a family.
 
     Attributes:
-        point: What it is.
-        seed: Of its noise.
+        point: Its values by dotted key.
+        seed: Seed of its noise.
     """
 
     point: Point
@@ -174,10 +174,10 @@ Method = Literal["grid", "lhs", "montecarlo", "sobol"]
 
 
 class Variant(Checked):
-    """One of several things to compare on equal terms: a name and what it changes.
+    """One of several variants to compare on equal terms: a name and its changes.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         scenario: Name or file of a scenario in place of the study's.
         set: Overrides ``key=value``, over those of the study.
     """
@@ -191,17 +191,18 @@ class Study(Checked):
     """A study.
 
     Attributes:
-        title: What it is about.
+        title: Subject, in a line.
         scenario: Name or file of the scenario.
         set: Overrides ``key=value`` of all runs.
         method: How points are chosen.
         samples: ``lhs``, ``montecarlo``: runs; ``sobol``: base samples; ``grid``: steps of a
             distribution.
         seeds: Runs a point that differ in their noise, the same for every variant.
-        metrics: Indicators of a run that are judged, the first above all.
-        family: Name or file of a family of rigs whose parameters are the study's, too.
-        parameters: Dotted scenario key to what it may be; ``key.0`` is the first number of a list.
-        variants: What is compared; one unnamed if empty.
+        metrics: Indicators that are compared, the most important first.
+        family: Name or file of a family of rigs; the study has its parameters, too.
+        parameters: Dotted scenario key to its distribution; ``key.0`` is the first number of a
+            list.
+        variants: The compared variants; one unnamed if empty.
     """
 
     title: str

@@ -52,7 +52,7 @@ def sobol_designs(study: Study) -> int:
 def quantiles(study: Study) -> Array:
     """The design in quantiles, shape (points, parameters); of the methods that have one.
 
-    That of ``sobol`` is several designs, one after the other, each an independently scrambled
+    The design ``sobol`` is several designs, one after the other, each an independently scrambled
     Sobol sequence (Owen). A base sample has two points A and B that are drawn independently, and is
     a block of d + 2 rows: A, then A with one coordinate of B after the other, then B.
     """
@@ -106,11 +106,11 @@ def points(study: Study) -> Design:
 
 _MISSING_VALUE = object()
 KNOWN_BALL_FIELDS = ("mass", "radius", "inertia", "height")
-"""What a controller's designer knows of ball and plate."""
+"""Parameters of ball and plate that a controller's designer knows."""
 
 
 def _with_defaults(scenario: Scenario) -> dict[str, Any]:
-    """What a scenario says, and what its law, observer and reference have by default."""
+    """The values of a scenario, with the defaults of its law, observer and reference."""
     found: dict[str, Any] = json.loads(scenario.model_dump_json())
     for name in CATALOG_TABLES:
         choice = getattr(scenario, name)
@@ -122,8 +122,8 @@ def _with_defaults(scenario: Scenario) -> dict[str, Any]:
 class Builder:
     """Scenarios from overrides and points, as ``load`` makes them; but a law is checked once.
 
-    Where a point says something of the ball, the controller is designed on the ball without it: a
-    point is what a designer does not know.
+    Where a point changes the ball, the controller is designed on the unchanged ball: the point
+    stands for what a designer does not know.
 
     Args:
         name: Name or file of the scenario.
@@ -143,7 +143,7 @@ class Builder:
         Args:
             fixed: Overrides ``key=value``.
             point: Dotted key to value; ``key.0`` is the first number of a list.
-            relative: Keys whose values are factors on what the scenario says.
+            relative: Keys with values that are factors on the scenario's values.
 
         Raises:
             ScenarioError: If a key does not exist, or a value is out of range.
@@ -173,7 +173,7 @@ class Builder:
         return given
 
     def value(self, fixed: Sequence[str], key: str) -> Any:
-        """What the scenario says of a key, ``key.0`` the first number of a list, or its default.
+        """The scenario's value of a key, ``key.0`` the first number of a list, or its default.
 
         Raises:
             ScenarioError: If there is no such key, or an override is wrong.
@@ -190,7 +190,7 @@ class Builder:
         return whole[at]
 
     def _changed(self, key: str, whole: Any, at: int | None, value: Any, *, relative: bool) -> Any:
-        """What a key becomes: a number, or a list with one of its numbers changed."""
+        """New value of a key: a number, or a list with one of its numbers changed."""
         old = self._part(key, whole, at)
         if relative and not isinstance(old, int | float):
             raise ScenarioError(f"{self._source}: {key}: no number to take a part of, but {old!r}")
@@ -198,7 +198,7 @@ class Builder:
         return new if at is None else [*whole[:at], new, *whole[at + 1 :]]
 
     def _now(self, fixed: Sequence[str], key: str) -> Any:
-        """What the scenario says of a key, by itself or by default."""
+        """The scenario's value of a key, given or by default."""
         base = tuple(text for text in fixed if not text.startswith("seed="))
         if base not in self._bases:
             self._bases[base] = _with_defaults(self._built([*map(self._setting, base)]))
@@ -228,8 +228,8 @@ class StudyTask(NamedTuple):
     """One run: which it is.
 
     Attributes:
-        key: What tells it from every other run: settings, seed and code.
-        alike: What it has in common with the runs that it can share a batch with.
+        key: Hash that differs from every other run's: of settings, seed and code.
+        alike: Hash that is equal for all runs that can share a batch with it.
         variant: Name of what is compared.
         point: Which point of the design.
         seed: Of its noise.
@@ -260,9 +260,9 @@ class ScenarioRuns:
     """Runs of given scenarios, as they are handed out.
 
     Args:
-        scenarios: What to run; what they are called changes nothing.
-        seen: Whether they are judged by what the rig's computer sees.
-        mark: What else tells them from other runs, as the text of their law.
+        scenarios: The scenarios; their names change nothing.
+        seen: Whether their metrics are those that the rig's computer sees.
+        mark: Further text that distinguishes them from other runs, as the source of their law.
 
     Attributes:
         tasks: Which runs they are, in their order.
@@ -286,7 +286,7 @@ class ScenarioRuns:
         return len({task.key for task in self.tasks})
 
     def scenario(self, task: StudyTask) -> Scenario:
-        """What a task runs."""
+        """Scenario of a task."""
         return self._scenarios[task.point]
 
     def jobs(self, tasks: Iterable[StudyTask]) -> list[Job]:
@@ -341,7 +341,7 @@ class Work(ScenarioRuns):
         return {"variant": variants, "point": at, "seed": seeds, **self.design[at].columns}
 
     def scenario(self, task: StudyTask) -> Scenario:
-        """What a task runs."""
+        """Scenario of a task."""
         return self._made(task.variant, task.point, task.seed)
 
     def _made(self, variant: str, point: int, seed: int) -> Scenario:
@@ -358,8 +358,8 @@ def without_title(scenario: Scenario) -> Scenario:
 def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:
     """Carry out some runs, all those that can share a batch together; one row each, in their order.
 
-    With ``seen`` they are judged by what the rig's computer sees, not by the truth.
-    A run that cannot be carried out, or whose numbers run away, is an outcome, too.
+    With ``seen`` the metrics are those that the rig's computer sees, not the true ones.
+    A run that cannot be carried out, or that diverges, is an outcome, too.
     """
     rows: dict[str, Row] = {}
     ready: dict[str, list[tuple[str, Scenario]]] = {}
@@ -423,7 +423,7 @@ def digest(text: str) -> str:
 
 @cache
 def code() -> str:
-    """What a simulated run executes: its sources, its model, and the libraries it calculates with.
+    """Hash of the code of a simulated run: its sources, its model, and its numerical libraries.
 
     How a run is handed out, what a real rig needs and what is drawn of it are not among them.
     """
@@ -437,7 +437,7 @@ def code() -> str:
 
 
 VERSIONED_LIBRARIES = ("mujoco", "numpy", "scipy", "control", "daqp")
-"""Libraries whose version may change the result of a run."""
+"""Libraries with versions that may change the result of a run."""
 
 
 def sources() -> list[Path]:
@@ -456,6 +456,6 @@ def sources() -> list[Path]:
 
 
 RUN_MODULES = ("assemble", "loop", "metrics", "record")
-"""What of the room ``run`` a run of a study executes."""
+"""Modules of the room ``run`` that a run of a study executes."""
 SCENARIO_MODULES = ("load", "schema")
 """The same of the room ``scenario``."""

@@ -52,7 +52,7 @@ class Reason(StrEnum):
 
     UNEXPLAINED: no reason is known. FITTED: a reason that was fitted to the cell afterwards, which
     the thesis's text does not give. NOT_GIVEN: the cell depends on a number that the thesis does
-    not give. COPIED: the cell repeats the number of another table. ARTEFACT: an artefact of the
+    not give. COPIED: the cell repeats a number of a different table. ARTEFACT: an artefact of the
     thesis's computation, shown by computing it.
     """
 
@@ -63,7 +63,7 @@ class Reason(StrEnum):
     ARTEFACT = "artefact"
 
 
-REASONS = {
+REASON_WORDS = {
     Reason.UNEXPLAINED: "unexplained",
     Reason.FITTED: "with a reason that was fitted to them afterwards",
     Reason.NOT_GIVEN: "that depend on numbers which the thesis does not give",
@@ -201,7 +201,7 @@ class ThesisColumn:
     Attributes:
         label: Its quantity, as the thesis calls it.
         unit: Its unit.
-        judged: "value" against the bound, "reading" against a value read by eye from a figure,
+        compared: "value" against the bound, "reading" against a value read by eye from a figure,
             "noise" against the range of the seeds.
         zero: Absolute bound where the thesis prints 0.
         metric: The indicator of ``twin.run.metrics`` that it is; empty for one of its own.
@@ -209,7 +209,7 @@ class ThesisColumn:
 
     label: str
     unit: str
-    judged: str = "value"
+    compared: str = "value"
     zero: float = 0.0
     metric: str = ""
 
@@ -278,7 +278,7 @@ class ReproductionJob(NamedTuple):
 
 
 class RowResult(NamedTuple):
-    """What one simulation of a row gave.
+    """Result of one simulation of a row.
 
     Attributes:
         place: Number of the table and index of the row.
@@ -450,7 +450,7 @@ class ThesisCell:
     Attributes:
         table: The table's number.
         row: The row's name.
-        column: The column's key in ``COLUMNS``.
+        column: The column's key in ``THESIS_COLUMNS``.
         thesis: The thesis's value.
         exact: Equations (5.9), continuous control, as kept.
         sampled: Equations (5.9), sampled loop through the seam; None if it ended early.
@@ -484,7 +484,7 @@ class ThesisCell:
         return self.exact.deviation(self.thesis)
 
     def as_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints of a cell."""
+        """The ``--json`` form of a cell."""
         found: dict[str, Any] = {
             "table": self.table,
             "row": self.row,
@@ -526,7 +526,7 @@ def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> The
     deviation = of_exact.deviation(thesis)
     if deviation is not None and abs(deviation) > WORTH_A_NOTE and not known_not_to:
         remarks.append(row.causes.get(column))
-    if not agrees and THESIS_COLUMNS[column].judged == "noise":
+    if not agrees and THESIS_COLUMNS[column].compared == "noise":
         remarks.append("The thesis's value is outside the 5 to 95 % range of the seeds.")
     if column == "e_tt":
         remarks.append(known["fitted"])
@@ -549,7 +549,7 @@ def _value(values: list[float], column: str) -> Value | None:
     """One value of all runs of a row."""
     if not values:
         return None
-    if THESIS_COLUMNS[column].judged == "reading":
+    if THESIS_COLUMNS[column].compared == "reading":
         return Value(values[0], (min(values), max(values)))
     if len(values) == 1:
         return Value(values[0])
@@ -561,11 +561,11 @@ def _agrees(value: Value | None, thesis: float, column: str, bound: float) -> bo
     if value is None:
         return False
     kind = THESIS_COLUMNS[column]
-    if kind.judged != "value" and value.range is not None:
+    if kind.compared != "value" and value.range is not None:
         low, high = value.range
         if low <= thesis <= high:
             return True
-        if kind.judged == "reading":
+        if kind.compared == "reading":
             return False
     deviation = value.deviation(thesis)
     return value.value <= kind.zero if deviation is None else abs(deviation) <= bound
@@ -626,7 +626,7 @@ def summary(cells: Sequence[ThesisCell]) -> dict[str, Any]:
     plain = [
         (abs(cell.deviation_percent), cell)
         for cell in cells
-        if cell.deviation_percent is not None and THESIS_COLUMNS[cell.column].judged == "value"
+        if cell.deviation_percent is not None and THESIS_COLUMNS[cell.column].compared == "value"
     ]
     agreeing = [each for each in plain if each[1].verdict is Agreement.AGREES]
     worst = max(agreeing, key=lambda each: each[0], default=None)
@@ -645,7 +645,7 @@ def sentence(cells: Sequence[ThesisCell]) -> str:
     """The summary in one line."""
     found = summary(cells)
     within = ", ".join(f"{count} within {step:g} %" for step, count in found["within"].items())
-    why = [f"{found['because'][kind]} {words}" for kind, words in REASONS.items()]
+    why = [f"{found['because'][kind]} {words}" for kind, words in REASON_WORDS.items()]
     why = [each for each in why if not each.startswith("0 ")]
     if found["differs"]:
         why.insert(0, f"{found['differs']} new, not noted so far")

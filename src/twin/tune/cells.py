@@ -1,4 +1,4 @@
-"""What a table to be fitted may say, checked; its runs, each made once, and their misfit."""
+"""Form of a table to be fitted, checked; its runs, each made once, and their misfit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from twin.study.work import Builder, ScenarioRuns
 MEASURED_UNITS = {name: unit for name, unit in ALL_UNITS.items() if name in MOTION_INDICATORS}
 """The indicators of a run that can be measured, and the unit of each."""
 UNIT_FACTORS = UNIT_SCALES | {"%": {"%": 1.0, "1": 100.0}, "deg": {"deg": 1.0, "rad": degrees(1.0)}}
-"""Of each unit what it may also be written in, and by what that is multiplied."""
+"""The other units in which each unit may be written, and their factors."""
 
 
 def factor(name: str, unit: str | None) -> float:
@@ -55,8 +55,8 @@ class FittedParameter(Checked):
         key: Dotted scenario key; ``key.0`` is the first number of a list.
         low: Least value.
         high: Largest.
-        relative: Whether the value is a factor on what the experiment, or a parameter named before
-            this one, says of the key.
+        relative: Whether the value is a factor on the key's value in the experiment, or in a
+            parameter named before this one.
         groups: Experiments that it concerns, by their groups; all if empty.
         unit: For the reader.
     """
@@ -78,7 +78,7 @@ class FittedParameter(Checked):
 class Measured(Checked):
     """A measured indicator and its standard uncertainty, absolute or as a share of the value.
 
-    One with ``relative`` is judged by the logarithm of the ratio; ``note`` is for the reader.
+    With ``relative`` its residual is the logarithm of the ratio; ``note`` is for the reader.
     """
 
     value: float
@@ -113,7 +113,7 @@ class Experiment(Checked):
 
     @property
     def label(self) -> str:
-        """What to call it."""
+        """Label in tables and messages."""
         return self.name or self.scenario
 
     @property
@@ -126,13 +126,13 @@ class FitTable(Checked):
     """Experiments with their indicators, and the parameters that are to explain them.
 
     Attributes:
-        title: What it is about.
+        title: Subject, in a line.
         set: Overrides ``key=value`` of all experiments.
         parameters: By name; those that are ``relative`` after what they are relative to.
         experiments: At least one.
         population: Samples drawn for a search; 0 for eight a parameter.
         generations: Most steps of a search.
-        restarts: Searches of all experiments, each from another of the best samples drawn.
+        restarts: Searches of all experiments, each from a different one of the best samples.
     """
 
     title: str
@@ -177,7 +177,7 @@ def read(name: str) -> FitTable:
 
 
 LOST_RESIDUAL = 10.0
-"""Residual of an indicator that a run does not have, such as that of a lost ball."""
+"""Residual of an indicator that a run does not have, for example after a lost ball."""
 MIN_LOG_ARGUMENT = 1e-9
 """Least value of which a logarithm is taken."""
 
@@ -253,7 +253,7 @@ Sample = tuple[float, ...]
 Wanted = tuple[Sample, int]
 """A sample, and which experiment is to be run with it."""
 Indicators = Mapping[Wanted, Mapping[str, float]]
-"""What runs gave; nan where a run has no such indicator."""
+"""Indicators of runs; nan where a run has no such indicator."""
 
 
 class Runs:
@@ -262,7 +262,7 @@ class Runs:
     Args:
         table: The experiments.
         store: Where finished runs are kept.
-        how: Who carries them out, and who is told of it, as for ``carry``.
+        how: Further arguments of ``carry``.
 
     Raises:
         ScenarioError: If a scenario or key does not exist, or a value is out of range.

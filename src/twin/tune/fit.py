@@ -75,12 +75,12 @@ def search_from(
 BOOTSTRAP_DRAWS = 2000
 """Samples of the bootstrap."""
 UNSEEN_INTERVAL_SHARE = 0.5
-"""Share of its range from which on the interval of a parameter says that it is not seen."""
-MAX_CORRELATION = 0.9
-"""Correlation from which on two parameters are confounded."""
+"""Share of its range above which the interval of a parameter means that it is not seen."""
+CONFOUNDED_CORRELATION = 0.9
+"""Correlation above which two parameters are confounded."""
 MIN_GROUPS = 5
-"""Groups from which on the spread is that between them; with fewer it is that of the uncertainties
-that the table states."""
+"""Number of groups needed to take the spread between them; with fewer, the spread follows from the
+uncertainties in the table."""
 FLAT_CURVATURE = 1e-9
 """Curvature of chi-squared, relative to the largest, below which a direction is taken as flat."""
 
@@ -201,7 +201,9 @@ def estimates(
     for k, (name, about) in enumerate(table.parameters.items()):
         low, high = (about.low + end[k] * (about.high - about.low) for end in ends)
         rivals = [
-            names[j] for j in range(len(names)) if j != k and abs(related[k, j]) > MAX_CORRELATION
+            names[j]
+            for j in range(len(names))
+            if j != k and abs(related[k, j]) > CONFOUNDED_CORRELATION
         ]
         if ends[1, k] - ends[0, k] < UNSEEN_INTERVAL_SHARE and (J[:, k] ** 2).sum() > 1:
             verdict = "seen"
@@ -225,7 +227,7 @@ def estimates(
 
 @dataclass(frozen=True, kw_only=True)
 class FitResult:
-    """What a fit found.
+    """Result of a fit.
 
     Attributes:
         table: What was asked.
@@ -381,7 +383,7 @@ CELL_HEADINGS = ("experiment", "indicator", "unit", "measured", "computed", "hel
 
 
 def sentences(found: FitResult) -> list[str]:
-    """What a fit says, in words."""
+    """The result of a fit, in sentences."""
     table = found.table
     lines = [
         f"{len(found.cells)} measured numbers of {len(table.experiments)} experiments, "
@@ -417,7 +419,7 @@ def write(found: FitResult, folder: Path) -> None:
     ]
     good = any(each.verdict == "seen" for each in found.estimates)
     note = (
-        "As data, with the correlations of parameters: fit.json beside this page. A residual is "
+        "As data, with the correlations of parameters: fit.json in this folder. A residual is "
         "computed less measured in standard uncertainties; of an indicator that a run does not "
         "have it is 10. Held out: fitted without the group that a number belongs to."
     )

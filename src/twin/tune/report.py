@@ -10,14 +10,12 @@ from twin.base import page
 from twin.base.page import Block, Code, Table, Text, Verdict, digits
 from twin.base.writing import write_json, write_whole
 from twin.run.assemble import build_law
-from twin.run.tables import LABELS, flat
+from twin.run.tables import INDICATOR_LABELS, flat
 from twin.scenario.load import setting
+from twin.scenario.schema import CONTROL_TABLES
 from twin.study.schema import Point, place_of
 from twin.tune.search import BOUND_CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
-
-CONTROL_TABLES = ("controller", "observer", "predictor")
-"""Tables of a scenario that belong together and are given as a whole."""
 
 
 def settings(trials: Trials, fields: Point) -> dict[str, Any]:
@@ -53,13 +51,13 @@ def toml(settings: dict[str, Any], comment: list[str]) -> str:
 FRAGMENT_FILE = "tuned.toml"
 FIELD_HEADINGS = ("field", "searched", "before", "after", "unit")
 TASK_HEADINGS = (
-    *("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished"),
+    *("task", "", "indicator", "median", "90 %", "largest", "cost 1 at", "finished"),
     "median RMS effort [rad/s²]",
 )
 
 
 def sentences(found: TuneResult) -> list[str]:
-    """What a tune says, in words."""
+    """The result of a tune, in sentences."""
     tune, after, before = found.tune, found.after, found.before
     tried = len(found.candidates)
     ran = sum(bool(each.scores) for each in found.candidates)
@@ -88,9 +86,7 @@ def sentences(found: TuneResult) -> list[str]:
             f"{1000 * loop.delay:.0f} ms of further dead time."
         )
     if not loop.refused and loop.disk is None:
-        lines.append(
-            "The law has no linearisation, so that nothing is said of the margins of its loop."
-        )
+        lines.append("The law has no linearisation, so the margins of its loop are unknown.")
     elif not loop.refused and not loop.observed:
         lines.append(
             "The observer has no linearisation: margins are those of the law with the full state."
@@ -128,7 +124,7 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
     rows = []
     for task in found.tune.tasks:
         for label, side in (("before", found.before), ("after", found.after)):
-            name, unit = LABELS[task.indicator]
+            name, unit = INDICATOR_LABELS[task.indicator]
             own = side["tasks"][task.name]
             rows.append(
                 (
@@ -152,16 +148,16 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     """
     tuned = settings(trials, found.chosen.fields)
     law = build_law(trials.scenario(found.chosen.fields, 0))
-    said = [*sentences(found), *law.remarks]
-    head = [found.tune.title, *said, f"ballplate run circle --set parameters={FRAGMENT_FILE}"]
+    verdict = [*sentences(found), *law.remarks]
+    head = [found.tune.title, *verdict, f"ballplate run circle --set parameters={FRAGMENT_FILE}"]
     tasks = Table("Every task on the fresh rigs", TASK_HEADINGS, task_table(found), words=(0, 1, 2))
-    blocks: list[Block] = [Verdict(said, found.good), tasks]
+    blocks: list[Block] = [Verdict(verdict, found.good), tasks]
     if found.after["reasons"]:
         blocks.append(Text(found.after["reasons"]))
     blocks += [
         Table("Fields", FIELD_HEADINGS, fields_table(found), words=(0, -1)),
         Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT_FILE}"),
-        Text(["As data: tune.json beside this page; the tuned controller: tuned.toml."]),
+        Text(["As data: tune.json in the folder of this page; the tuned controller: tuned.toml."]),
     ]
     write_whole(folder / FRAGMENT_FILE, toml(tuned, head))
     write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})

@@ -1,10 +1,11 @@
-"""The search: candidates proposed by Optuna, judged on more and more rigs.
+"""The search: candidates proposed by Optuna, evaluated on more and more rigs.
 
-Round by round a tree-structured Parzen estimator proposes candidates from what all before them
-gave, constraints among it (https://optuna.org). Those whose nominal loop keeps its margins run on
-the first few rigs; of all that ever reached a rung the best go on to the next one, with more rigs,
-as in asynchronous successive halving (Li et al. 2020). All meet the same rigs and the same noise.
-The search has no state of its own: with the finished runs at hand it is made again, step by step.
+Round by round a tree-structured Parzen estimator proposes candidates from the results of all
+earlier ones, constraints included (https://optuna.org). Those with a nominal loop that keeps its
+margins run on the first few rigs; of all that ever reached a rung the best go on to the next one,
+with more rigs, as in asynchronous successive halving (Li et al. 2020). All meet the same rigs and
+the same noise. The search has no state of its own: with the finished runs at hand it is made again,
+step by step.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def violation(constraints: dict[str, float]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """What a candidate is worth on some rigs.
+    """Score of a candidate on some rigs.
 
     Attributes:
         rigs: How many.
@@ -79,7 +80,7 @@ class Score:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What orders scores: first what is violated, then the cost."""
+        """Rank of a score: first its violations, then its cost."""
         return violation(self.constraints), np.inf if self.cost is None else self.cost
 
 
@@ -131,7 +132,7 @@ class Candidate:
 def loop_constraints(tune: Tune, loop: NominalLoop) -> dict[str, float]:
     """Constraints on the nominal loop, each as a share of its limit; kept at 0 or less.
 
-    A loop that cannot be linearised has none: nothing can be said of it.
+    A loop that cannot be linearised has none.
 
     Args:
         tune: With the limits.
@@ -149,7 +150,7 @@ def loop_constraints(tune: Tune, loop: NominalLoop) -> dict[str, float]:
 
 
 def score(tune: Tune, loop: NominalLoop, found: Indicators) -> Score:
-    """What a candidate is worth, from its runs.
+    """Score of a candidate, from its runs.
 
     Args:
         tune: With tasks and limits.
@@ -190,8 +191,8 @@ def search_all(trials: Trials, advance: Callable[[int], None] = lambda _: None) 
     """Every candidate of a search, in its order; the first is where it begins.
 
     Args:
-        trials: What carries them out.
-        advance: Told how many candidates have been tried.
+        trials: Carries them out.
+        advance: Called with the number of candidates tried so far.
 
     Raises:
         TwinError: If the extra is not installed, or a run cannot be carried out.
@@ -255,7 +256,7 @@ def _climb(trials: Trials, everyone: Sequence[Candidate], some: Sequence[Candida
         edge = reached[math.ceil(len(reached) / tune.eta) - 1]
         good = [c for c in left if c.scores[rung].rank <= edge]
         ahead = sorted(good, key=lambda c: c.scores[rung].rank)[: math.ceil(len(left) / tune.eta)]
-        # where the tuning begins is judged on all rigs: it is what the result is compared with
+        # the first candidate runs on all rigs: the result is compared with it
         left = [c for c in left if c.number == 0 or c in ahead]
 
 
@@ -332,7 +333,7 @@ def upper_bound(failures: int, rigs: int, confidence: float = BOUND_CONFIDENCE) 
 
 
 def certify(tune: Tune, found: Indicators) -> dict[str, Any]:
-    """What the runs on fresh rigs certify, as ``--json`` says it.
+    """The certificate from the runs on fresh rigs, as in ``--json``.
 
     Rigs and how many of them did not finish every task, the rate of failure that this excludes, the
     mean cost of the worst share of them, None if one failed. Of each task: how many finished it,
@@ -372,7 +373,7 @@ def certify(tune: Tune, found: Indicators) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class TuneResult:
-    """What a tune found.
+    """Result of a tune.
 
     Attributes:
         tune: What was asked.
@@ -393,12 +394,12 @@ class TuneResult:
     runs: int
 
     def worth(self, candidate: Candidate) -> Score:
-        """What a finalist is worth where the verdict is given."""
+        """Score of a finalist on the rigs of the verdict."""
         return next(found for each, found in self.finalists if each is candidate)
 
     @property
     def verdict(self) -> Score:
-        """What the chosen one is worth there."""
+        """Score of the chosen candidate on these rigs."""
         return self.worth(self.chosen)
 
     @property

@@ -1,4 +1,4 @@
-"""What a tune may say, checked; its runs, each made once, and the margins of each nominal loop."""
+"""Form of a tune, checked; its runs, each made once, and the margins of each nominal loop."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class TuneTask(Checked):
 
 
 class Constraints(Checked):
-    """What a candidate must keep besides losing no rig.
+    """Constraints of a candidate besides losing no rig.
 
     Attributes:
         disk: Least disk margin of the nominal loop at any cut, dimensionless.
@@ -84,21 +84,21 @@ class Tune(Checked):
     """A tune: which fields of a controller are to be found, for which rigs and tasks.
 
     Attributes:
-        title: What it is about.
-        like: Another tune whose keys hold where this one has none.
+        title: Subject, in a line.
+        like: A tune with the values of all keys that this one leaves out.
         family: Name or file of the family of rigs.
         set: Overrides ``key=value`` of all runs; with them the fields begin.
         fields: Dotted scenario key to the range in which it is searched, by ``uniform``,
             ``loguniform``, ``integers`` or ``values``.
-        tasks: What a candidate is judged by: its cost on a rig is the mean of indicator / scale.
-        limits: What it must keep.
-        tail: Share of the worst rigs whose mean cost is made small: CVaR at 1 - tail.
-        search: Overrides that say on what is searched.
-        verdict: Overrides that say on what the best are compared and certified.
+        tasks: Tasks that give the cost of a candidate on a rig: the mean of indicator / scale.
+        limits: Constraints that it must keep.
+        tail: Share of the worst rigs; their mean cost is minimised: CVaR at 1 - tail.
+        search: Overrides of the plant and rig in the search.
+        verdict: Overrides of the plant and rig for the comparison and the certificate.
         draw: Of the family, for the search.
         certificate_draw: Of the family, for the certificate.
-        rigs: Rigs on which a candidate is judged, first to last rung.
-        candidates: How many are run; those whose nominal loop lacks margin are not counted.
+        rigs: Numbers of rigs on which a candidate is run, first to last rung.
+        candidates: How many are run, without those with a nominal loop that lacks margin.
         round: How many of them at a time.
         eta: One in so many goes on to the next rung.
         finalists: Best of the search that are compared for the verdict.
@@ -133,7 +133,7 @@ class Tune(Checked):
             raise ValueError(f"rigs: every rung needs more than the last, got {list(self.rigs)}")
         if self.draw == self.certificate_draw:
             raise ValueError(
-                f"certificate_draw: must not be that of the search, draw = {self.draw}"
+                f"certificate_draw: must differ from the draw of the search, {self.draw}"
             )
         uncertain = read_family(self.family).parameters
         for key, about in self.fields.items():
@@ -153,8 +153,8 @@ def read(name: str, **given: Any) -> Tune:
     Args:
         name: Its name or file.
         given: Keys in place of the tune's own; None for those that are not. ``set`` is added; where
-            it names another rig, the rigs are those about that one, on what its file says of plant
-            and dead time, in place of the family uncertain, which is of the thesis's.
+            it names a different rig, the rigs vary about that one, with plant and dead time of its
+            file, in place of the family uncertain, which varies about the thesis's rig.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -241,7 +241,7 @@ Wanted = tuple[Point, int]
 
 
 class Indicators(NamedTuple):
-    """What runs of one candidate gave.
+    """Indicators from the runs of one candidate.
 
     Attributes:
         values: Each task's indicator, shape (rigs, tasks); NaN where a run did not finish.
@@ -306,7 +306,7 @@ class Trials:
             fields: Values by key.
             task: Its place in the tune.
             rig: The rig; None for the scenario's own.
-            on: Overrides that say on what it is simulated.
+            on: Overrides of the plant and rig of the simulation.
 
         Raises:
             ScenarioError: If a key does not exist, or a value is out of range.
@@ -347,7 +347,7 @@ class Trials:
         Args:
             wanted: Candidates and for each how many rigs.
             draw: Of the family.
-            on: Overrides that say on what it is simulated.
+            on: Overrides of the plant and rig of the simulation.
 
         Raises:
             TwinError: If a process is killed, or a chunk of runs is lost too often.
@@ -369,7 +369,7 @@ class Trials:
         return [self._indicators(own) for _, own in gave.groupby("candidate")]
 
     def _indicators(self, runs: pd.DataFrame) -> Indicators:
-        """Those of one candidate, rig by rig."""
+        """Indicators of one candidate, rig by rig."""
         lost = runs[runs["outcome"] != "finished"]
         reasons = [
             f"{self.tune.tasks[task].name}: {outcome}: {reason}"

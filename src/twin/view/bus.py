@@ -13,15 +13,15 @@ from controllers.arrays import Array
 from twin.base.writing import write_whole
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import LONG_PAUSE, STATUS, Conversation, axis_of
-from twin.view.lanes import BAD, CALM, GOOD, IDLE, WARNING, Lane, Rgb, changes, lane_columns
+from twin.view.lanes import BAD, CALM, GOOD, IDLE_COLOUR, WARNING, Lane, Rgb, changes, lane_columns
 from twin.view.recording import PLOT_GROUND, fix, new_stream, send
-from twin.view.streams import LANES, LINE_COLOURS, Batch, line
+from twin.view.streams import LANES_GROUP, LINE_COLOURS, Batch, line
 
-TIMELINE_NAME = "time [s]"
+BUS_TIMELINE = "time [s]"
 """Seconds since the first frame."""
 MAX_PLOTS = 8
 """Objects of PDOs that are drawn, those of most nodes first; the recording has all."""
-WORDS = {0x1001, 0x2001, 0x603F, 0x6040, STATUS, 0x6060, 0x6061, 0x60FD}
+NO_SIGNAL_OBJECTS = {0x1001, 0x2001, 0x603F, 0x6040, STATUS, 0x6060, 0x6061, 0x60FD}
 """Objects that are lanes or events, and no signal: words, modes, errors, inputs."""
 NETWORK_COLOURS: Mapping[str, Rgb] = {
     "booting": WARNING,
@@ -33,13 +33,13 @@ DRIVE_COLOURS: Mapping[str, Rgb] = {
     protocol.DriveState.OPERATION_ENABLED.value: GOOD,
     protocol.DriveState.SWITCHED_ON.value: CALM,
     protocol.DriveState.READY.value: CALM,
-    protocol.DriveState.SWITCH_ON_DISABLED.value: IDLE,
+    protocol.DriveState.SWITCH_ON_DISABLED.value: IDLE_COLOUR,
     protocol.DriveState.QUICK_STOP.value: WARNING,
     protocol.DriveState.FAULT_REACTION.value: BAD,
     protocol.DriveState.FAULT.value: BAD,
 }
 SYNC_COLOURS: Mapping[str, Rgb] = {"regular": GOOD, "late": WARNING}
-LEVELS = {"EMCY": "ERROR", "bus": "ERROR", "gap": "WARN"}
+TRACE_EVENT_LEVELS = {"EMCY": "ERROR", "bus": "ERROR", "gap": "WARN"}
 """Level of the log line of an event by its kind; others are information."""
 
 
@@ -79,7 +79,7 @@ def signals(conversation: Conversation) -> dict[str, dict[str, tuple[Array, Arra
     """
     found: dict[str, dict[str, tuple[Array, Array]]] = {}
     for (number, key), series in conversation.series.items():
-        if axis_of(key[0])[0] in WORDS:
+        if axis_of(key[0])[0] in NO_SIGNAL_OBJECTS:
             continue
         factor, unit = conversation.scale(number, key)
         values = np.array(series.counts, float) * (factor if unit else 1.0)
@@ -104,7 +104,7 @@ def write_bus(path: Path, conversation: Conversation, name: str) -> None:
     plots = signals(conversation)
     stream.send_blueprint(_arrange(list(plots)[:MAX_PLOTS]), make_active=True, make_default=True)
     fix(stream, _describe_entities(conversation, plots))
-    send(stream, _batches(conversation, plots), TIMELINE_NAME)
+    send(stream, _batches(conversation, plots), BUS_TIMELINE)
     stream.flush()
     write_whole(path, memory.drain_as_bytes())
     stream.disconnect()
@@ -121,19 +121,19 @@ def _arrange(plots: list[str]) -> rrb.Blueprint:
         for title in plots
     ]
     left = rrb.Vertical(
-        rrb.StateTimelineView(origin=f"/{LANES}", name="states"),
+        rrb.StateTimelineView(origin=f"/{LANES_GROUP}", name="states"),
         rrb.TextLogView(contents=["+ /events"], name="events"),
     )
     return rrb.Blueprint(
         rrb.Horizontal(left, rrb.Vertical(*drawn)) if drawn else left,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE_NAME),
+        rrb.TimePanel(state="collapsed", timeline=BUS_TIMELINE),
     )
 
 
 def _lane_entity(name: str) -> str:
-    return f"/{LANES}/{rr.escape_entity_path_part(name.replace(' ', '_'))}"
+    return f"/{LANES_GROUP}/{rr.escape_entity_path_part(name.replace(' ', '_'))}"
 
 
 def _describe_entities(
@@ -162,6 +162,6 @@ def _batches(
     if events:
         texts = rr.TextLog.columns(
             text=[f"{each.who}: {each.kind}: {each.text}" for each in events],
-            level=[LEVELS.get(each.kind, "INFO") for each in events],
+            level=[TRACE_EVENT_LEVELS.get(each.kind, "INFO") for each in events],
         )
         yield Batch("/events", np.array([each.time for each in events]), texts)

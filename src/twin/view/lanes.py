@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.hal.agreement import AXES
+from twin.hal.interface import AXIS_NAMES
 from twin.hal.supervisor import State
 from twin.run.finished import states_of
 from twin.run.metrics import MAX_TURNING_TIME_S, STILL_SPEED_M_S
@@ -21,10 +21,10 @@ Mask = NDArray[np.bool_]
 Rgb = tuple[int, int, int]
 
 GOOD, CALM, WARNING, BAD = (0, 158, 115), (86, 180, 233), (230, 159, 0), (213, 94, 0)
-IDLE = (90, 96, 104)
+IDLE_COLOUR = (90, 96, 104)
 STATE_COLOURS: dict[str, dict[str, Rgb]] = {
     "supervisor": {
-        "off": IDLE,
+        "off": IDLE_COLOUR,
         "initialising": CALM,
         "ready": CALM,
         "running": GOOD,
@@ -73,7 +73,7 @@ class RunLanes:
     """The lanes of a run, block by block.
 
     Args:
-        scenario: What is run; its screen says when a frame is due.
+        scenario: The scenario of the run; its screen gives the times of the frames.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -131,7 +131,7 @@ def find_lifted(rows: Mapping[str, Array]) -> tuple[Mask, Mask] | None:
 def find_limited(rows: Mapping[str, Array]) -> tuple[Mask, Mask]:
     """Where less plate acceleration is applied than requested, about phi and theta, (K,) each."""
     phi, theta = (
-        np.abs(rows[f"requested_{axis}_acc"] - rows[f"applied_{axis}_acc"]) for axis in AXES
+        np.abs(rows[f"requested_{axis}_acc"] - rows[f"applied_{axis}_acc"]) for axis in AXIS_NAMES
     )
     return phi > EFFORT_TOLERANCE_RAD_S2, theta > EFFORT_TOLERANCE_RAD_S2
 

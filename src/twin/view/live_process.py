@@ -18,8 +18,8 @@ from twin.base.jobs import is_orphan, let_go, spawn, wait_until
 from twin.run.record import Recorder
 
 _NAMES_BYTES = 16384
-_COUNTERS = 7
-_WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED, _TAKEN, _PROCESSED = range(_COUNTERS)
+_COUNTER_COUNT = 7
+_WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED, _TAKEN, _PROCESSED = range(_COUNTER_COUNT)
 
 
 class SharedRingBuffer:
@@ -35,13 +35,15 @@ class SharedRingBuffer:
     """
 
     def __init__(self, rows: int, width: int, name: str | None = None) -> None:
-        size = 8 * _COUNTERS + _NAMES_BYTES + 8 * rows * width
+        size = 8 * _COUNTER_COUNT + _NAMES_BYTES + 8 * rows * width
         self._memory = SharedMemory(name, create=name is None, size=size)
         buffer = self._memory.buf
         assert buffer is not None
-        self._text = buffer[8 * _COUNTERS : 8 * _COUNTERS + _NAMES_BYTES]
-        self._counters = np.ndarray(_COUNTERS, np.int64, buffer)
-        self._rows: Array = np.ndarray((rows, width), float, buffer, 8 * _COUNTERS + _NAMES_BYTES)
+        self._text = buffer[8 * _COUNTER_COUNT : 8 * _COUNTER_COUNT + _NAMES_BYTES]
+        self._counters = np.ndarray(_COUNTER_COUNT, np.int64, buffer)
+        self._rows: Array = np.ndarray(
+            (rows, width), float, buffer, 8 * _COUNTER_COUNT + _NAMES_BYTES
+        )
         self._size = rows
         self._read = 0
         self._own = name is None
@@ -162,7 +164,7 @@ BUFFER_ROWS = 32768
 """Rows the buffer holds: a minute of a real-time run at 2 ms."""
 MAX_COLUMNS = 96
 """Most columns."""
-START_TIMEOUT_S = 60.0
+WRITER_START_TIMEOUT_S = 60.0
 """Seconds the process may take to start; a shorter run waits for that at its end."""
 PROGRESS_TIMEOUT_S = 5.0
 """Seconds without progress after which, at the end, a view is taken for dead."""
@@ -254,7 +256,9 @@ class LiveProcess:
     def begun(self) -> bool:
         """Wait until the process has opened the buffer; return whether it has."""
         while (
-            not self._ring.opened and self.alive and monotonic() < self._started + START_TIMEOUT_S
+            not self._ring.opened
+            and self.alive
+            and monotonic() < self._started + WRITER_START_TIMEOUT_S
         ):
             self._process.join(0.05)
         return self._ring.opened

@@ -18,7 +18,7 @@ from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import (
-    LANES,
+    LANES_GROUP,
     PLOT_TABLES,
     TIMELINE_NAME,
     TWIN_PLOTS,
@@ -53,8 +53,8 @@ def blueprint(
             column_shares=[2, 1],
         ),
         rrb.StateTimelineView(
-            origin=f"{roots[0]}/{LANES}" if len(roots) == 1 else "/",
-            contents=[f"+ {root}/{LANES}/**" for root in roots],
+            origin=f"{roots[0]}/{LANES_GROUP}" if len(roots) == 1 else "/",
+            contents=[f"+ {root}/{LANES_GROUP}/**" for root in roots],
             name="states",
         ),
         row_shares=[7, 5, 5],

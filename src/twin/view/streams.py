@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.base.data_file import read_packaged
-from twin.hal.agreement import AXES
 from twin.hal.cams import CamTable
+from twin.hal.interface import AXIS_NAMES
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import columns, states_of
@@ -56,7 +56,7 @@ def in_view(points: Array) -> Array:
 
 VISIBLE_GROUPS = 3
 """Geoms of groups below this are drawn, as MuJoCo's own viewer does."""
-STEEL = (128, 133, 140)
+STEEL_COLOUR = (128, 133, 140)
 TURNED_PARTS = ("cardan", "plate", "motor_phi", "motor_theta")
 
 
@@ -123,7 +123,9 @@ class Scene:
             look = {"colors": [rgb], "fill_mode": mode, "line_radii": 0.001}
             yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
         for entity in self._lines:
-            thick, colour = (0.006, (26, 115, 64)) if entity.endswith("spring") else (0.003, STEEL)
+            thick, colour = (
+                (0.006, (26, 115, 64)) if entity.endswith("spring") else (0.003, STEEL_COLOUR)
+            )
             yield entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[thick])
 
     def _shape(self, i: int) -> rr.AsComponents:
@@ -257,7 +259,7 @@ def signals(
     return found
 
 
-LANES = "states"
+LANES_GROUP = "states"
 """Group of the lanes of states."""
 TIMELINE_NAME = "simulated time [s]"
 POSES_PER_SECOND = 50.0
@@ -267,7 +269,7 @@ TRAIL_S = 3.0
 
 
 class Batch(NamedTuple):
-    """What goes to one entity in one call: times in s, shape (K,), and columns of components."""
+    """Data of one entity in one call: times in s, shape (K,), and columns of components."""
 
     entity: str
     time: Array
@@ -311,13 +313,13 @@ class RunStream:
         self._marks: dict[str, bool] = {}
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not change over the run: shapes, top view of the plate, reference path."""
+        """The constant parts of the run: shapes, top view of the plate, reference path."""
         yield from self.scene.shapes(self._colour)
         times = np.linspace(0, self.scenario.duration, 2000)
         path = self._reference(times)[0]
         yield from self._top_view(path)
         for name in STATE_COLOURS:
-            yield f"{self.root}/{LANES}/{name}", looks(name)
+            yield f"{self.root}/{LANES_GROUP}/{name}", looks(name)
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
         yield (
             f"{self.scene.plate}/reference_path",
@@ -377,7 +379,7 @@ class RunStream:
                 shown = rr.Scalars.columns(scalars=values)
                 yield Batch(f"{self.root}/{group}/{name}", time, shown)
         for name, lane in self._lanes.take(rows):
-            yield Batch(f"{self.root}/{LANES}/{name}", lane.time, lane_columns(lane.states))
+            yield Batch(f"{self.root}/{LANES_GROUP}/{name}", lane.time, lane_columns(lane.states))
         yield from self._states_and_events(rows)
         keep = self._frames(time)
         if len(keep):
@@ -431,7 +433,7 @@ class RunStream:
         active |= zip(
             ("phi effort limited", "theta effort limited"), find_limited(rows), strict=True
         )
-        wheels = [f"wheel {axis} lifted off its cam" for axis in AXES]
+        wheels = [f"wheel {axis} lifted off its cam" for axis in AXIS_NAMES]
         active |= zip(wheels, find_lifted(rows) or (), strict=False)
         for what, mask in active.items():
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)

@@ -1,4 +1,4 @@
-"""What a record shows of why a run went as it did: as numbers, and in plain sentences."""
+"""Explains from a record why a run went as it did: as numbers, and in plain sentences."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from twin.run.assemble import build_law
 from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
 
-ROUND = 0.99 * 2 * math.pi
+MIN_TURNING_RAD = 0.99 * 2 * math.pi
 """Turning of a reference in rad above which delay and scale of a path can be separated."""
-RESTING = 1e-3
+MIN_PATH_SPEED_M_S = 1e-3
 """Speed of a reference in m/s below which it rests."""
-LONGEST_LAG = 1.5
+MAX_LAG_S = 1.5
 """Seconds up to which a lag behind the reference is looked for."""
 COARSE_LAG_STEP_S, FINE_LAG_STEP_S = 0.025, 0.005
 """Steps in s in which it is looked for, first everywhere and then about the best."""
@@ -95,7 +95,7 @@ class Diagnosis:
             lag=lag,
             gain=gain,
             rest=rest,
-            turned=_turned(motion.reference[late]),
+            turned=_total_turning(motion.reference[late]),
             estimation=estimation,
             cut=None
             if np.isnan(requested).all()
@@ -133,7 +133,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
         return None, None, None
     speed = np.hypot(*reference(time[[0, -1]])[1].T)
-    if _turned(reference(time)[0]) < ROUND and speed.max() > RESTING:
+    if _total_turning(reference(time)[0]) < MIN_TURNING_RAD and speed.max() > MIN_PATH_SPEED_M_S:
         return None, None, None
     some = slice(None, None, max(1, len(time) // 2000))
     time, ball = time[some], ball[some]
@@ -143,7 +143,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
         gain = float((desired * ball[::every]).sum() / max((desired**2).sum(), 1e-12))
         return gain, _rms(gain * desired - ball[::every])
 
-    coarse = np.arange(-0.2, min(LONGEST_LAG, float(np.ptp(time)) / 2), COARSE_LAG_STEP_S)
+    coarse = np.arange(-0.2, min(MAX_LAG_S, float(np.ptp(time)) / 2), COARSE_LAG_STEP_S)
     every = max(1, len(time) // 400)
     best = coarse[int(np.argmin([fit(delay, every)[1] for delay in coarse]))]
     if best in (coarse[0], coarse[-1]):
@@ -157,8 +157,8 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     return lag, *fit(lag)
 
 
-def _turned(path: Array) -> float:
-    """By how much the direction of a path (K, 2) turns in all, rad; a reversal is pi."""
+def _total_turning(path: Array) -> float:
+    """Total turning of the direction of a path (K, 2), rad; a reversal is pi."""
     steps = np.diff(path, axis=0)
     steps = steps[np.hypot(*steps.T) > 1e-9]
     turns = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -198,8 +198,8 @@ SMALL_ERROR_M = 1e-4
 """Error in m, less than the screen resolves, that needs no sentence."""
 MIN_CUT_SHARE = 0.001
 """Share of time in which a limit cut the effort above which it is reported."""
-FREE = "no limit was in the way"
-STEEP = 0.95
+NO_LIMIT_TEXT = "no limit was in the way"
+LIMIT_SHARE = 0.95
 """Share of the angle limit above which the plate counts as having reached it."""
 
 
@@ -242,7 +242,7 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     if run.metrics.get("outcome") != "finished":
         return _ending(run)
     limits = _limits(run, found)
-    limits = [words for words in limits if not words.startswith(FREE)] or [FREE]
+    limits = [words for words in limits if not words.startswith(NO_LIMIT_TEXT)] or [NO_LIMIT_TEXT]
     return f"{_size(run, found, clean)}: {'; '.join(limits)}."
 
 
@@ -267,7 +267,7 @@ def _is_goal_still(run: Run) -> bool:
 
 
 def _limits(run: Run, found: Diagnosis) -> list[str]:
-    """What limited a run, the weightiest first, in half a sentence each."""
+    """Limits of a run, the most important first, in half a sentence each."""
     facts = _describe_shaped_reference(run)
     if (away := found.stuck) is not None:
         simulated = "true_x" in run.rows
@@ -285,7 +285,11 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
                 f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
                 f"{abs(1 - found.gain):.1%} {size}, without which {_mm(found.rest)} would be left"
             )
-    elif found.lag is None and RESTING < found.turned < ROUND and found.rms > SMALL_ERROR_M:
+    elif (
+        found.lag is None
+        and MIN_PATH_SPEED_M_S < found.turned < MIN_TURNING_RAD
+        and found.rms > SMALL_ERROR_M
+    ):
         facts.append(
             f"too short for a lag: its reference turned by {math.degrees(found.turned):.0f} deg "
             "in that time, less than once round"
@@ -301,15 +305,15 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
             f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
         )
     limit = run.scenario.rig.limits.angle_deg
-    if found.angle > STEEP:
+    if found.angle > LIMIT_SHARE:
         facts.append(f"the plate reached its angle limit of {limit:g} deg")
-    if found.cut is not None and found.cut <= MIN_CUT_SHARE and found.angle <= STEEP:
-        facts.append(f"{FREE}, of the plate's {limit:g} deg {found.angle:.0%} were used")
+    if found.cut is not None and found.cut <= MIN_CUT_SHARE and found.angle <= LIMIT_SHARE:
+        facts.append(f"{NO_LIMIT_TEXT}, of the plate's {limit:g} deg {found.angle:.0%} were used")
     if found.lifted:
         facts.append(f"a wheel left its cam {found.lifted:.1%} of the time")
     if found.untouched:
         facts.append(f"no ball was detected {found.untouched:.1%} of the time")
-    return facts or [FREE]
+    return facts or [NO_LIMIT_TEXT]
 
 
 def _describe_shaped_reference(run: Run) -> list[str]:

@@ -13,7 +13,7 @@ from urllib.parse import quote
 from twin.base.errors import ViewError
 from twin.base.jobs import wait_until
 
-STARTING = 10.0
+START_LIMIT_S = 10.0
 """Longest time in s that the server of a page may take to start."""
 
 
@@ -137,7 +137,7 @@ def page(web_port: int, *files: Path) -> Opened:
     made = start_viewer("--serve-web", "--web-viewer-port", str(web_port), *files)
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, made.process.pid, 15)  # the control loop comes first
-    wait_until(lambda: made.listens or made.process.poll() is not None, STARTING, 0.05)
+    wait_until(lambda: made.listens or made.process.poll() is not None, START_LIMIT_S, 0.05)
     if not made.listens:
         made.close()
         raise ViewError(f"the viewer's server did not start at port {made.port}")

@@ -1,1 +1,1 @@
-"""What would have happened: other futures of a run, and the run without one of its effects."""
+"""Counterfactuals: other futures of a run, and the run without one of its effects."""

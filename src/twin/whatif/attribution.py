@@ -162,7 +162,7 @@ class Explanation:
         none: With every effect switched off, on the scenario's plant.
         contributions: One per effect, the largest share first.
         base: Share that remains with every effect off, dimensionless.
-        rest: Share that belongs to no single effect, because effects act on one another.
+        rest: Share that belongs to no single effect, because of interactions between effects.
     """
 
     scenario: Scenario

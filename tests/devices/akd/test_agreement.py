@@ -29,9 +29,9 @@ def rig():
         yield rig
 
 
-def followed(seconds, angle, rate):
+def followed(seconds, angle, rate, shaft_lag=0.0):
     """The time at which a motion with a position and a velocity of time is found out, if it is."""
-    agreement = MotionAgreement(0.01)
+    agreement = MotionAgreement(0.01, shaft_lag)
     for number in range(round(seconds / T)):
         time = number * T
         if agreement.take(time, angle(time), rate(time)) > 0:
@@ -53,6 +53,25 @@ def test_a_velocity_that_is_another_share_of_that_of_the_position_is_found_withi
 ):
     found = followed(1.0, lambda t: turned * t, lambda _: said * turned)
     assert found <= c.CONTRADICTION.within
+
+
+@pytest.mark.parametrize("lag", [0.06, 0.11, 0.16])
+def test_a_shaft_that_follows_with_a_known_lag_agrees_and_without_it_does_not(lag):
+    # a velocity of 2 rad/s from 0.2 s to 0.6 s: T x' = integral of v - x, solved by hand
+    def rate(time):
+        return 2.0 * (0.2 <= time < 0.6)
+
+    def ramp(time):
+        since = max(time, 0.0)
+        return 2.0 * (since - lag * (1 - math.exp(-since / lag)))
+
+    def angle(time):
+        return ramp(time - 0.2) - ramp(time - 0.6)
+
+    assert followed(2.0, angle, rate, lag) is None
+    assert followed(2.0, angle, rate) is not None
+    assert followed(2.0, lambda t: -angle(t), rate, lag) is not None
+    assert followed(2.0, lambda t: 0.4 * angle(t), rate, lag) is not None
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1, 1.2])
@@ -94,7 +113,7 @@ def test_a_single_wrong_velocity_stops_under_its_own_name(rig):
 
 @pytest.mark.parametrize("every", [0.005, 0.02, 0.05])
 def test_heartbeats_of_a_second_node_with_the_id_are_found(rig, every):
-    rig.bus.beside.append((Frame(0x701, b"\5"), every))
+    rig.bus.foreign_frames.append((Frame(0x701, b"\5"), every))
     begin = rig.bus.time
     seen = rig.run(0.4, turn)
     first = seen[0]
@@ -106,7 +125,7 @@ def test_heartbeats_of_a_second_node_with_the_id_are_found(rig, every):
 @pytest.mark.parametrize("node", [0x702, 0x703, 0x77E])
 def test_heartbeats_of_nodes_that_are_not_watched_or_of_the_other_s_own_are_no_fault(rig, node):
     if node != 0x702:
-        rig.bus.beside.append((Frame(node, b"\5"), 0.02))
+        rig.bus.foreign_frames.append((Frame(node, b"\5"), 0.02))
     assert rig.run(0.6, turn) == []
 
 
@@ -132,7 +151,7 @@ def test_a_heartbeat_of_another_node_that_is_not_operational_is_no_fault_of_this
     rig.bus.from_other(Frame(0x701, bytes((state,))))
     (found, *_) = rig.run(0.05, turn)
     assert found.condition is c.DUPLICATE_ID
-    assert "while another with its id runs" in found.detail
+    assert "while a second one with its id runs" in found.detail
 
 
 @pytest.mark.parametrize(("nmt", "condition"), [(4, c.NMT_LEFT), (127, c.NMT_LEFT)])

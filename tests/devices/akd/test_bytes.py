@@ -242,6 +242,14 @@ def test_a_silent_drive_is_stale_one_cycle_later_at_most_however_its_host_is_lat
         assert pdo.missed >= len(early) - 1
 
 
+@pytest.mark.parametrize("rate", [0.5, -0.5, 0.0])
+def test_a_quick_stop_lasts_until_the_motor_stands(rate):
+    axis = Axis(AXIS, AkdConfig(), FaultReports(1.0), at=0.0)
+    axis.request, axis.state, axis.rate = AxisRequest.QUICK_STOP, DriveState.QUICK_STOP, rate
+    axis.finish_quick_stop()
+    assert axis.request is (AxisRequest.QUICK_STOP if rate else AxisRequest.DISABLE)
+
+
 def test_what_is_not_confirmed_is_listed_and_documented_with_its_source():
     attribute = re.compile(r"^    (\w+): (.*(?:\n     +.*)*)", re.MULTILINE)
     docs = (inspect.cleandoc(each.__doc__) for each in (DriveSettings, AxisConfig))

@@ -3,6 +3,7 @@
 What a trace says is what was said: canopen's own nodes and the standards' tables are asked."""
 
 import math
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import can
@@ -75,7 +76,7 @@ def test_what_canopen_reads_and_writes_is_told_with_the_names_of_its_eds(talk):
     told = texts(said(*heard, names=Names(EDS)), "SDO")
     assert got == [0x20192, "axis with a long name", -77]
     assert told[:4] == [
-        f"reads 1000h Device type of somebody of node 5: {got[0]} (20192h)",
+        "reads 1000h Device type of somebody of node 5: CiA 402 (20192h)",
         'reads 2301h Name of the axis of node 5: "axis with a long name"',
         'writes 2301h Name of the axis to node 5: "another rather long name"',
         "writes 2300h Current of phase U to node 5: -77; read back",
@@ -87,8 +88,8 @@ def test_a_refusal_is_told_by_the_code_that_canopen_got(talk):
     told = said(*heard, names=Names(EDS))
     assert f"reads 2302h of node 5: refused, code {code:08X}h, no such object" in texts(told, "SDO")
     assert told.nodes[5].transfers == {"reads": 3, "writes": 2, "refused": 1}
-    assert texts(told, "EMCY") == ["2310h continuous over current F3"]
-    assert told.nodes[5].faults[0]["text"] == "2310h continuous over current F3"
+    assert texts(told, "EMCY") == ["2310h continuous over current 46 33"]
+    assert told.nodes[5].faults[0]["text"] == "2310h continuous over current 46 33"
     assert texts(told, "NMT") == ["start: node 5"]
 
 
@@ -601,3 +602,29 @@ def test_without_times_nothing_is_late():
     sync = [frame(float(k if k < 100 else k + 50), 0x080) for k in range(200)]
     assert texts(Conversation(sync), "gap")
     assert not texts(Conversation(sync, timed=False), "gap")
+
+
+def test_the_time_of_day_is_read():
+    # the upper four bits of the milliseconds are reserved
+    heard = [frame(0.0, 0x100, "c82b0af2e93b"), frame(1.0, 0x705, "05")]
+    time = datetime(1984, 1, 1) + timedelta(days=0x3BE9, milliseconds=0x20A2BC8)
+    assert texts(said(*heard), "TIME") == [f"the time is {time:%Y-%m-%d %H:%M:%S}.000"]
+    shorter = said(frame(0.0, 0x100, "c82b0a02"), frame(1.0, 0x705, "05"))
+    assert shorter.strangers == {0x100: 1}
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "who", "words"),
+    [
+        (0x7E5, "0401000000000000", "host", "all devices: mode 1 (0 waiting, 1 configuration)"),
+        (0x7E5, "1107000000000000", "host", "configure node number: 7; an answer of 0 accepts it"),
+        (0x7E5, "406a000000000000", "host", "select the device of vendor 6Ah"),
+        (0x7E4, "4400000000000000", "a device", "the selected device answers"),
+        (0x7E5, "ff00000000000000", "host", "command FFh"),
+    ],
+)
+def test_layer_setting_services_are_read(identifier, data, who, words):
+    (event,) = said(frame(0.0, identifier, data)).events
+    assert event.kind == "LSS"
+    assert event.who.startswith(who)
+    assert event.text == words

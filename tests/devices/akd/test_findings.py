@@ -492,6 +492,68 @@ def test_an_answer_to_no_request_is_found():
     assert its.text == "1 answer that nobody asked for: 607Fh Maximum profile velocity"
 
 
+def test_a_transfer_that_is_begun_and_not_finished_is_found():
+    begun = [frame(1.0, 0x605, f"40{LIMIT}00000000"), frame(1.1, 0x585, f"41{LIMIT}0f000000")]
+    begun += [frame(1.2, 0x605, "6000000000000000"), frame(1.3, 0x585, "0020202020202020")]
+    (its,) = assessed(*BEATS, *begun, *read(2.0, MODE, "02000000")).findings
+    assert (its.code, its.severity, its.time) == ("sdo-unfinished", Severity.WARNING, 1.0)
+    assert its.text == "reading 607Fh Maximum profile velocity: begun, not finished"
+    rest = [frame(1.4, 0x605, "7000000000000000"), frame(1.5, 0x585, "1120202020202020")]
+    assert found(*BEATS, *begun, *rest, *read(2.0, MODE, "02000000")) == []
+    begun = [frame(1.0, 0x605, f"21{LIMIT}0f000000"), frame(1.1, 0x585, f"60{LIMIT}00000000")]
+    its = one("sdo-unfinished", *BEATS, *begun, *read(2.0, MODE, "02000000"))
+    assert its.severity is Severity.UNRESOLVED
+
+
+def test_a_short_frame_of_a_transfer_is_read_and_found():
+    short = [frame(1.0, 0x605, f"40{LIMIT}"), frame(1.001, 0x585, f"43{LIMIT}01000000")]
+    (its,) = assessed(*BEATS, *short).findings
+    assert (its.code, its.severity, its.frames) == ("sdo-length", Severity.WARNING, (12,))
+    assert its.text == "1 SDO frame of fewer than 8 bytes"
+    seen = Conversation(sorted([*BEATS, *short], key=lambda each: each.timestamp))
+    assert [each.text for each in seen.events if each.kind == "SDO"] == [
+        "reads 607Fh Maximum profile velocity of node 5: 1"
+    ]
+
+
+RAW = [
+    frame(0.00, 0x080, "cafdbdfe90ffceff"),
+    frame(0.01, 0x084, "f9ffcffe9affbeff"),
+    frame(0.02, 0x185, "1800"),
+    frame(0.03, 0x602, "a511030077000000"),
+]
+"""Frames of no CANopen: without its length for SYNC, and as of a request for no object."""
+
+
+def test_a_bus_of_a_different_protocol_is_left_alone():
+    verdict = assessed(*RAW)
+    assert not verdict.findings
+    assert verdict.headline.startswith("no CANopen recognised: 4 frames without network")
+    seen = Conversation(RAW)
+    assert (seen.nodes, seen.events, seen.series) == ({}, [], {})
+    assert seen.strangers.total() == 4
+    errors = frame(0.04, 0x40, "", is_error_frame=True)
+    assert [each.code for each in assessed(*RAW, errors).findings] == ["bus-off"]
+
+
+@pytest.mark.parametrize(
+    "sign",
+    [
+        frame(1.0, 0x705, "05"),
+        frame(1.0, 0x000, "0105"),
+        frame(1.0, 0x080, "07"),
+        frame(1.0, 0x605, "4000100000000000"),
+    ],
+    ids=["heartbeat", "network management", "SYNC with a counter", "request"],
+)
+def test_one_sign_of_canopen_is_enough(sign):
+    assert "emergency" in found(*RAW[:3], sign)
+
+
+def test_emergencies_alone_are_read_if_nothing_contradicts_them():
+    assert found(frame(0.0, 0x085, "1023010000000000")) == ["emergency"]
+
+
 def test_a_setting_that_is_read_back_otherwise_is_unresolved_until_it_is_right():
     wrong = [*write(1.0, LIMIT, "e8030000"), *read(1.1, LIMIT, "f4010000")]
     (its,) = assessed(*BEATS, *wrong).findings
@@ -794,6 +856,15 @@ def test_check_ends_with_1_if_a_problem_is_unresolved(tmp_path, capsys, status, 
     assert called(capsys, "trace", file)[0] == 0
 
 
+def test_check_ends_with_1_if_no_node_is_heard(tmp_path, capsys):
+    with closing(TraceWriter(tmp_path / "a.log", "can0")) as writer:
+        writer.write([each for each in HEALTHY if each.arbitration_id == 0x80])
+    assert called(capsys, "trace", tmp_path / "a.log")[0] == 0
+    code, out, _ = called(capsys, "trace", tmp_path / "a.log", "--check")
+    assert code == 1
+    assert "no CANopen node heard" in out
+
+
 def test_what_happened_comes_first_then_each_problem_and_tables_only_by_all(tmp_path, capsys):
     with closing(TraceWriter(tmp_path / "a.log", "can0")) as writer:
         writer.write(sorted([*STUCK, BLOCKED], key=lambda each: each.timestamp))
@@ -810,7 +881,12 @@ def test_what_happened_comes_first_then_each_problem_and_tables_only_by_all(tmp_
 
 
 @pytest.mark.parametrize(
-    ("frames", "style"), [(drive((0, FAULT), end=1.0), "bold red"), (HEALTHY, "bold green")]
+    ("frames", "style"),
+    [
+        (drive((0, FAULT), end=1.0), "bold red"),
+        (HEALTHY, "bold green"),
+        ([each for each in HEALTHY if each.arbitration_id == 0x80], "bold yellow"),
+    ],
 )
 def test_the_colour_of_the_first_line_is_that_of_the_worst(frames, style):
     first = next(iter(verdict_lines(assessed(*frames), "a trace", timed=True)))

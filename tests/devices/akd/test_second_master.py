@@ -55,7 +55,7 @@ def test_a_start_beside_another_master_is_refused_before_anything_is_sent(rig, k
     sent = []
     from_host = rig.bus.from_host
     rig.bus.from_host = lambda frame: sent.append(frame) or from_host(frame)
-    with pytest.raises(DriveError, match="another master sends") as caught:
+    with pytest.raises(DriveError, match="a second master sends") as caught:
         rig.servos.start()
     assert caught.value.fault.condition == c.SECOND_MASTER
     assert kind in str(caught.value)

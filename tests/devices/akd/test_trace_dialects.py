@@ -95,6 +95,35 @@ def test_every_dialect_may_be_packed_by_gzip(tmp_path, frames, name):
     ]
 
 
+COPIED = {
+    ".trc 1.0": lambda line: line,
+    ".trc 1.1": lambda line: line,
+    ".trc 1.2": lambda line: line,
+    ".trc 1.3": lambda line: line,
+    ".trc 2.0": lambda line: line,
+    ".trc 2.1": lambda line: line,
+    "candump -td": lambda line: line,
+    "candump -tz": lambda line: line.replace("can0", ""),
+    "candump": lambda line: line.replace("can0", ""),
+}
+"""Dialects of which lines are copied without the head of the file, and what is left of a line."""
+
+
+@pytest.mark.parametrize("name", COPIED)
+def test_lines_copied_out_of_a_file_are_read(tmp_path, frames, name):
+    file = write_dialect(DIALECTS[name], tmp_path, frames)
+    lines = [each for each in file.read_text().splitlines(keepends=True) if each[0] != ";"]
+    file.write_text("".join(COPIED[name](line) for line in lines[100:]))
+    found = read_trace(file)
+    assert len(found.frames) == len(frames) - 100
+    began = found.frames[0].timestamp - frames[100].timestamp if found.timed else 0.0
+    for number, (each, known) in enumerate(zip(found.frames, frames[100:], strict=True)):
+        assert each.arbitration_id == known.arbitration_id
+        assert bytes(each.data) == bytes(known.data)
+        at = known.timestamp + began if found.timed else float(number)
+        assert each.timestamp == pytest.approx(at, abs=2e-3)
+
+
 @pytest.mark.parametrize("name", ["candump -L", "candump -L -x", "python-can .log"])
 def test_a_log_of_candump_is_read_as_python_can_reads_it(tmp_path, frames, name):
     file = write_dialect(DIALECTS[name], tmp_path, frames)

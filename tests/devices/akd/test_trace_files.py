@@ -506,12 +506,18 @@ def test_colours_of_a_terminal_are_no_part_of_a_line(tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"", "it is empty"), (b"\n\r\n \n", "it has none")],
+    [
+        (b"", "it is empty"),
+        (b"\n\r\n \n", "it has none"),
+        (b"hello\n", "left out: 1 lines that are no classic frame"),
+        (b"\x00\x01\xff", "is a binary file"),
+    ],
 )
 def test_why_nothing_can_be_read_is_said(tmp_path, content, words):
     (tmp_path / "a.log").write_bytes(content)
-    with pytest.raises(LogError, match=f"no frame can be read: {words}"):
+    with pytest.raises(LogError, match=f"no frame can be read: {words}") as caught:
         read_trace(tmp_path / "a.log")
+    assert str(caught.value).count("a.log") == 1
 
 
 def test_frames_that_are_no_canopen_are_counted(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 Traces are written and read again: every format, broken ones, ours and other people's."""
 
+from copy import copy
 from itertools import pairwise
 
 import can
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from twin.base.errors import LogError
 from twin.devices.akd.recording import TracedBus, TraceWriter, from_row, to_row
-from twin.devices.akd.traces import WRITTEN, check_ending, parts, read_trace
+from twin.devices.akd.traces import WRITTEN_SUFFIXES, check_ending, parts, read_trace
 
 MESSAGES = st.builds(
     can.Message,
@@ -53,7 +54,7 @@ def test_a_frame_comes_back_from_its_numbers(message):
     assert again.timestamp == message.timestamp
 
 
-@pytest.mark.parametrize("ending", [*WRITTEN, ".log.gz", ".asc.gz", ".csv.gz", ".trc.gz"])
+@pytest.mark.parametrize("ending", [*WRITTEN_SUFFIXES, ".log.gz", ".asc.gz", ".csv.gz", ".trc.gz"])
 def test_what_is_written_in_a_format_is_read_again(tmp_path, ending):
     found = read_trace(written(tmp_path / f"a{ending}"))
     assert not found.remarks
@@ -150,8 +151,8 @@ def test_a_bus_that_is_traced_tells_every_frame_once():
         can.Bus(interface="virtual", channel="traced") as other,
         TracedBus(can.Bus(interface="virtual", channel="traced"), heard.append) as bus,
     ):
-        bus.send(HEARD[0])
-        other.send(HEARD[2])
+        bus.send(copy(HEARD[0]))  # which gets the time of now
+        other.send(copy(HEARD[2]))
         message = bus.recv(1.0)
         assert bus.recv(0.0) is None
     assert message is heard[1]

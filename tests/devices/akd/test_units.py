@@ -12,12 +12,12 @@ from stepped import SteppedDrives, refused
 
 from twin.devices.akd.bringup import DriveQuantity
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.protocol import RPM
+from twin.devices.akd.protocol import RPM_RAD_S
 from twin.emulator.drive import EmulatedDrive
 
 SPEED, RAMP = 6000, 30_000
 """A motor's speed limit in rpm, and a ramp in rpm/s."""
-WHOLE = {"limit_unit": RPM, "acceleration_unit": RPM}
+WHOLE = {"limit_unit": RPM_RAD_S, "acceleration_unit": RPM_RAD_S}
 """What makes a drive start that counts whole units."""
 
 
@@ -78,15 +78,15 @@ def test_a_drive_that_counts_whole_units_is_refused_with_the_line_to_change():
     with SteppedDrives(drives=drives(1)) as rig:
         text = refused(rig)
     assert "VL.LIMITP (3622h) holds 6000, which would be 6 rpm" in text
-    assert f"if it is 6000 rpm, set phi.limit_unit = {RPM:.9g}" in text
+    assert f"if it is 6000 rpm, set phi.limit_unit = {RPM_RAD_S:.9g}" in text
 
 
 def test_the_ramps_of_a_drive_that_counts_whole_units_are_refused_too():
-    axes = (AxisConfig(name="phi", node=1, limit_unit=RPM), AxisConfig(name="theta", node=2))
+    axes = (AxisConfig(name="phi", node=1, limit_unit=RPM_RAD_S), AxisConfig(name="theta", node=2))
     with SteppedDrives(AkdConfig(axes=axes), drives(1)) as rig:
         text = refused(rig)
     assert "DRV.ACC (3501h)" in text
-    assert f"set phi.acceleration_unit = {RPM:.9g}" in text
+    assert f"set phi.acceleration_unit = {RPM_RAD_S:.9g}" in text
 
 
 def test_a_unit_too_coarse_for_the_limit_is_refused():
@@ -100,7 +100,7 @@ def test_a_unit_too_coarse_for_the_limit_is_refused():
 
 @given(st.floats(1.0, 20.0))
 def test_what_is_sent_is_round_in_the_drive_s_unit_and_never_below_what_is_wanted(wanted):
-    speed = DriveQuantity("rpm", RPM / 1000, "limit_unit")
+    speed = DriveQuantity("rpm", RPM_RAD_S / 1000, "limit_unit")
     counts = speed.counts(wanted)
     assert wanted * (1 - 1e-9) <= counts * speed.scale <= 1.1 * wanted + speed.scale
     assert len(str(counts).rstrip("0")) <= 2

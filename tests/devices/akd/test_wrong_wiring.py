@@ -9,10 +9,10 @@ import pytest
 
 from twin.devices.akd.conditions import CONTRADICTION
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.rig import SLOW, UNCHECKED
+from twin.devices.rig import FIRST_MOTION_RATE_RAD_S, UNCHECKED
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig, MotionTrace
-from twin.emulator.serve import STOP, EmulatedPlant
+from twin.emulator.serve import STOP_MARGIN_RAD, EmulatedPlant
 from twin.hal.agreement import DRIVES_EXCHANGED, EXCHANGED, OPPOSITE, WRONG_RATIO
 from twin.hal.interface import Severity
 from twin.hal.supervisor import Event, State
@@ -109,7 +109,13 @@ WIRES = {
 }
 
 
-@pytest.mark.parametrize("on", [PLANT, COURSE], ids=["cams", "rods"])
+MECHANISMS = [
+    pytest.param(PLANT, id="cams"),
+    pytest.param(COURSE, id="rods", marks=pytest.mark.long),
+]
+
+
+@pytest.mark.parametrize("on", MECHANISMS)
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_wrong_wire_is_named_on_cams_and_on_rods(wire, on):
     wiring, condition = WIRES[wire]
@@ -120,7 +126,7 @@ def test_a_wrong_wire_is_named_on_cams_and_on_rods(wire, on):
     assert tilt < float(rig.supervisor.limits.angle) + np.radians(2.0)
 
 
-@pytest.mark.parametrize("on", [PLANT, COURSE], ids=["cams", "rods"])
+@pytest.mark.parametrize("on", MECHANISMS)
 def test_exchanged_drives_are_named_by_where_the_ball_rolls_and_the_plate_is_levelled(on):
     rig = LockstepRig(load("circle", on))
     rig.plant.wiring = rig.plant.wiring._replace(encoders=(1, 0), motors=(1, 0))
@@ -170,7 +176,7 @@ def test_a_plate_stops_at_its_mechanical_stop_and_its_motor_with_it(scenario):
     plant, drives = EmulatedPlant(scenario(*PLANT)), [EmulatedDrive(1), EmulatedDrive(2)]
     plant.attach(drives)
     stop = plant.stop
-    assert stop == pytest.approx(np.radians(10.0) + STOP)
+    assert stop == pytest.approx(np.radians(10.0) + STOP_MARGIN_RAD)
     for _ in range(500):
         drives[0].motor.rate, drives[1].motor.rate = 1.0, -1.0
         plant.advance(0.001)
@@ -196,11 +202,40 @@ def test_the_first_motion_of_a_rig_that_nobody_has_checked_is_slow_until_it_is_p
             rig.wait()
     noted = [each.note.text for each in rig.journal if each.note.condition is UNCHECKED]
     assert noted == ([f"rig file: first motion slow: {unchecked}"] if unchecked else [])
-    proven = next(k for k, rate in enumerate(rates) if rate > SLOW + 1e-9)
+    proven = next(k for k, rate in enumerate(rates) if rate > FIRST_MOTION_RATE_RAD_S + 1e-9)
     angle = rig.period * sum(rates[:proven])
     if unchecked:
         assert angle == pytest.approx(np.radians(2.0), rel=0.1)
     assert rates[-1] == pytest.approx(0.3)
+
+
+def test_a_disagreement_takes_the_torque_of_both_drives_while_the_host_goes_on(scenario):
+    rig = LockstepRig(scenario(*PLANT), config=configured(0.002, 0, plate_sign=-1))
+    after = 0
+    with rig:
+        rig.start()
+        while after < 25:  # 50 ms, and the host's heartbeat goes on
+            rig.read()
+            rig.write(np.array([[0.5, -0.3]]))
+            rig.wait()
+            after += rig.supervisor.state[0] == State.FAULT
+            assert rig.now() < 5
+        assert not any(drive.power.live for drive in rig.lockstep.drives)
+
+
+def test_motors_and_plate_are_compared_anew_by_another_transmission(scenario):
+    rig = LockstepRig(scenario(*PLANT))
+    with rig:
+        rig.start()
+        for _ in range(200):
+            rig.read()
+            rig.write(np.array([[0.2, -0.2]]))
+            rig.wait()
+        assert rig._motors.proven
+        rig.replace_transmission(rig.plant.transmission)
+        assert not rig._motors.proven
+        rig.read()
+    assert Severity.STOP not in {each.note.condition.severity for each in rig.journal}
 
 
 def test_an_axis_that_never_turns_keeps_the_first_motion_slow_for_three_seconds(scenario):
@@ -214,6 +249,6 @@ def test_an_axis_that_never_turns_keeps_the_first_motion_slow_for_three_seconds(
             way = 0.5 if tick // 50 % 4 in {0, 3} else -0.5
             fastest.append(abs(rig.write(np.array([[way, 0.0]]))[0, 0]))
             rig.wait()
-    assert max(fastest[:1499]) <= SLOW + 1e-9
-    assert max(fastest[1510:]) > 1.5 * SLOW
+    assert max(fastest[:1499]) <= FIRST_MOTION_RATE_RAD_S + 1e-9
+    assert max(fastest[1510:]) > 1.5 * FIRST_MOTION_RATE_RAD_S
     assert Severity.STOP not in {each.note.condition.severity for each in rig.journal}

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from twin.devices.lumio.config import TRANSPORTS, UDEV_RULES, ScreenError, touch_screens
+from twin.devices.lumio.config import PORT_CLASSES, UDEV_RULES, ScreenError, touch_screens
 
 NAME = "LUMIO Inc LUMIO CrystalTouch ver 02.03.24.00."
 PANEL = f"DRIVER=hid-multitouch\nHID_ID=0003:0000202E:00000006\nHID_NAME={NAME}\nHID_PHYS=x\n"
@@ -58,9 +58,9 @@ def test_one_rule_gives_access_to_raw_devices_and_one_keeps_the_ball_off_the_des
     assert {("SUBSYSTEM", "==", "input"), ("ENV{LIBINPUT_IGNORE_DEVICE}", "=", "1")} <= set(desktop)
 
 
-@pytest.mark.parametrize("kind", sorted(TRANSPORTS))
+@pytest.mark.parametrize("kind", sorted(PORT_CLASSES))
 def test_a_port_that_cannot_be_opened_without_posix_is_said_in_one_line(kind, monkeypatch):
     for name in ("fcntl", "termios"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ScreenError, match=r"^touch screen /dev/x: needs Linux or macOS, \w+ is"):
-        TRANSPORTS[kind]("/dev/x", 9600).open()
+        PORT_CLASSES[kind]("/dev/x", 9600).open()

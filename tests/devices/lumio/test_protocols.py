@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.protocols import STREAMS, Detector, EloDecoder, MicroTouchDecoder
+from twin.devices.lumio.protocols import STREAM_DECODERS, Detector, EloDecoder, MicroTouchDecoder
 from twin.devices.lumio.screen import TouchStream
 from twin.emulator.screen import PACKET_ENCODERS, Protocol, Spot
 
@@ -61,7 +61,7 @@ def test_what_the_emulated_screen_encodes_comes_back_within_half_a_native_count(
     protocol, x, y, down
 ):
     (packet,) = PACKET_ENCODERS[protocol]([Spot(x, y, 1, down)])
-    ((contact,),) = STREAMS[protocol]().feed(packet)
+    ((contact,),) = STREAM_DECODERS[protocol]().feed(packet)
     assert (contact.x, contact.y) == pytest.approx((x, y), abs=0.5 / 4095 + 0.5 / 16383)
     assert contact.down == down
 
@@ -73,11 +73,11 @@ def test_what_the_emulated_screen_encodes_comes_back_within_half_a_native_count(
 )
 def test_any_portions_of_a_stream_give_the_same_reports(protocol, places, cuts):
     stream = b"".join(PACKET_ENCODERS[protocol]([Spot(x, y)])[0] for x, y in places)
-    decoder, at, reports = STREAMS[protocol](), 0, []
+    decoder, at, reports = STREAM_DECODERS[protocol](), 0, []
     for cut in [*cuts, len(stream)]:
         reports += decoder.feed(stream[at : at + cut])
         at += cut
-    assert reports == STREAMS[protocol]().feed(stream)
+    assert reports == STREAM_DECODERS[protocol]().feed(stream)
     assert len(reports) == len(places)
 
 
@@ -85,7 +85,7 @@ def test_any_portions_of_a_stream_give_the_same_reports(protocol, places, cuts):
 @pytest.mark.parametrize("heard", range(1, 5))
 def test_the_end_of_a_packet_that_began_before_listening_is_no_fault(protocol, heard):
     (packet,) = PACKET_ENCODERS[protocol]([Spot(0.3, 0.6)])
-    decoder = STREAMS[protocol]()
+    decoder = STREAM_DECODERS[protocol]()
     assert len(decoder.feed(packet[-heard:] + 2 * packet)) == 2
     assert decoder.stats.skipped == 0
     decoder.feed(packet[-heard:] + packet)
@@ -96,10 +96,10 @@ def test_the_end_of_a_packet_that_began_before_listening_is_no_fault(protocol, h
 @given(garbage=st.binary(max_size=60), x=SHARE, y=SHARE)
 def test_a_stream_is_understood_again_after_garbage(protocol, garbage, x, y):
     packet = PACKET_ENCODERS[protocol]([Spot(x, y)])[0]
-    decoder = STREAMS[protocol]()
+    decoder = STREAM_DECODERS[protocol]()
     decoder.feed(garbage)
     reports = decoder.feed(packet * 8)
-    (expected,) = STREAMS[protocol]().feed(packet)
+    (expected,) = STREAM_DECODERS[protocol]().feed(packet)
     assert reports[-1] == expected
     assert len(reports) >= 3
 

@@ -1,4 +1,4 @@
-"""Whether what a drive says agrees with what else it says: velocity with position, heartbeats.
+"""Checks whether a drive's data agree with each other: velocity with position, heartbeats.
 
 A wrong byte that passes every check of its own, as a bit of a velocity turned over, shows only
 where the same motion is counted twice.
@@ -14,10 +14,15 @@ class MotionAgreement:
     """Compares a motor's velocity, added up, with its position.
 
     Both are of the same SYNC. Velocities of a drive are filtered and lag by some ms; the shaft of
-    an emulated one may lag behind its velocity.
+    an emulated servo follows its velocity with a time constant T, so that its position is
+
+        integral of v - T (w - w_0),  T w' = v - w.
+
+    A position between both, with and without T, agrees.
 
     Args:
         slack: Difference that is always allowed, rad at the cam shaft.
+        shaft_lag: T in s.
     """
 
     WINDOW = 0.5
@@ -27,16 +32,20 @@ class MotionAgreement:
     LAG = 0.03
     """Seconds by which one may lag behind the other."""
 
-    def __init__(self, slack: float) -> None:
-        self._slack = slack
-        self._samples: deque[tuple[float, float, float, float, float]] = deque()
-        """Time in s, position in rad, velocity in rad/s and added up in rad, its size likewise."""
+    def __init__(self, slack: float, shaft_lag: float = 0.0) -> None:
+        self._slack, self._shaft_lag = slack, shaft_lag
+        self._followed = 0.0
+        """Velocity of a shaft that follows with that lag, rad/s."""
+        self._samples: deque[tuple[float, ...]] = deque()
+        """Time in s, position in rad, velocity in rad/s and added up in rad, its size likewise,
+        and by how much a shaft with that lag is behind, rad."""
         self.ratio = 1.0
         """How far the position turned within the window, per velocity added up; NaN if unknown."""
 
     def restart(self) -> None:
         """Forget what was before."""
         self._samples.clear()
+        self._followed = 0.0
 
     def take(self, sampled: float, angle: float, rate: float) -> float:
         """Take in a sample; by how much both differ beyond what is allowed, rad.
@@ -48,19 +57,24 @@ class MotionAgreement:
         """
         turned = way = 0.0
         if self._samples:
-            before, _, last, turned, way = self._samples[-1]
+            before, _, last, turned, way, _ = self._samples[-1]
             passed = sampled - before
             if passed <= 0:
                 return -self._slack
             mean = (rate + last) / 2
             turned, way = turned + mean * passed, way + abs(mean) * passed
-        self._samples.append((sampled, angle, rate, turned, way))
+            if self._shaft_lag:
+                kept = math.exp(-passed / self._shaft_lag)
+                self._followed = kept * self._followed + (1 - kept) * mean
+        behind = self._shaft_lag * self._followed
+        self._samples.append((sampled, angle, rate, turned, way, behind))
         while sampled - self._samples[0][0] > self.WINDOW:
             self._samples.popleft()
-        _, first, rate_before, turned_before, way_before = self._samples[0]
+        _, first, rate_before, turned_before, way_before, behind_before = self._samples[0]
         by_position, by_velocity = angle - first, turned - turned_before
         self.ratio = by_position / by_velocity if abs(by_velocity) > self._slack else math.nan
-        off = abs(by_position - by_velocity)
+        late = by_velocity - (behind - behind_before)
+        off = max(min(late, by_velocity) - by_position, by_position - max(late, by_velocity), 0.0)
         allowed = self.SHARE * (way - way_before) + self.LAG * abs(rate - rate_before)
         return off - self._slack - allowed
 

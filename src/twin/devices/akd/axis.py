@@ -1,10 +1,10 @@
-"""One servo axis as the host sees it: its newest data, judged every cycle, and what is sent next.
+"""One servo axis as the host sees it: its newest data, checked every cycle, and the next command.
 
 A PDO carries no number, so its frames are counted: every SYNC owes one. A frame too many pays a
 debt of the last cycles (late) or belongs to no SYNC at all (surplus). A PDO that lags by exactly
-one period for good looks like one that was lost once; only its first cycle shows it. A cycle that
-is judged sooner after its SYNC than an answer may take, because the host was late with that SYNC,
-says nothing of the drive: its frame is waited for until the next judgement.
+one period for good looks like one that was lost once; only its first cycle shows it. A cycle
+that is checked sooner after its SYNC than an answer may take, because the host sent that SYNC late,
+shows nothing about the drive: its frame is awaited until the next check.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from twin.devices.akd.protocol import AxisRequest, DriveState, StatusBit
 from twin.devices.common import FaultReports
 from twin.hal.interface import Condition
 
-_TORQUE_STATES = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
+_POSSIBLE_TORQUE_STATES = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
 _POWERLESS_STATES = {
     DriveState.NOT_READY,
     DriveState.SWITCH_ON_DISABLED,
@@ -29,7 +29,7 @@ _POWERLESS_STATES = {
 }
 _RESET_CYCLES = 8
 """Cycles for which a request to reset stands."""
-_STANDSTILL_RAD_S = 0.01
+_QUICK_STOP_END_RAD_S = 0.01
 """Motor rate in rad/s that counts as standstill."""
 _OWED_CYCLES = 25
 """Cycles after which a missing frame is no longer expected."""
@@ -39,10 +39,10 @@ ANSWER_SHARE = 0.8
 """Share of a period that a drive may take to answer a SYNC."""
 _MAX_DOUBLED_CYCLES = 10
 """Cycles in a row with doubled PDOs that mean a second node with this id."""
-_AGREEMENT = 2
+_MAX_DISAGREEMENT_TRAVELS = 2
 """Travels without a count by which velocity and position may differ: one each way."""
-_ANSWERED = 3
-"""Cycles with both PDOs after which a heartbeat of a node that can send none is another node's."""
+_CYCLES_PROVING_OPERATION = 3
+"""Cycles with both PDOs after which a heartbeat that denies PDOs must come from a second node."""
 
 
 def difference(new: int, old: int) -> int:
@@ -158,7 +158,7 @@ class EncoderCounter:
 
 
 class Axis:
-    """A drive's newest data, its state, and what is requested of it; judged before every SYNC.
+    """A drive's newest data, its state, and the requested state; checked before every SYNC.
 
     Args:
         config: The axis.
@@ -190,7 +190,9 @@ class Axis:
         self.heartbeat = at
         """Time in s at which the last heartbeat arrived."""
         self._beats = HeartbeatCount(drives.heartbeat)
-        self._agreement = MotionAgreement(_AGREEMENT * limits.travel)
+        self._agreement = MotionAgreement(
+            _MAX_DISAGREEMENT_TRAVELS * limits.travel, drives.shaft_lag
+        )
         self._heard: tuple[int, int] | None = None
         """NMT state of a heartbeat that is not operational, and the cycles since with both PDOs."""
         self.found_faults: tuple[int, ...] = ()
@@ -266,8 +268,10 @@ class Axis:
 
     def finish_quick_stop(self) -> None:
         """End a quick stop that has brought the drive out of operation, or to standstill."""
-        resting = self.state is DriveState.QUICK_STOP and abs(self.rate) < _STANDSTILL_RAD_S
-        if self.request is AxisRequest.QUICK_STOP and (resting or self.state not in _TORQUE_STATES):
+        resting = self.state is DriveState.QUICK_STOP and abs(self.rate) < _QUICK_STOP_END_RAD_S
+        if self.request is AxisRequest.QUICK_STOP and (
+            resting or self.state not in _POSSIBLE_TORQUE_STATES
+        ):
             self.request = AxisRequest.DISABLE
 
     def next_rpdo1(self) -> bytes:
@@ -291,7 +295,7 @@ class Axis:
         self.found_faults = ()
 
     def cycle(self, at: float, synced: float) -> None:
-        """Judge the cycle whose SYNC was sent at a time in s and that ends now, before the next."""
+        """Check the cycle from its SYNC at ``synced`` to ``at`` (s), before the next SYNC."""
         self._judge_pdos(at, early=at - synced < ANSWER_SHARE * self._period)
         self._judge_node(at)
         if at - self.heartbeat > self._silence:
@@ -315,7 +319,7 @@ class Axis:
         self.heartbeat = at
 
     def _judge_node(self, at: float) -> None:
-        """Find out whose heartbeat said that it is not operational: such a node sends no PDO."""
+        """Report a second node if a heartbeat denies operation, as this node sends PDOs."""
         if self._heard is None:
             return
         state, answered = self._heard
@@ -326,10 +330,12 @@ class Axis:
                 self._report(c.NMT_LEFT, f"is {protocol.nmt_words(state)}", at)
             else:
                 self._report(c.DRIVE_REBOOTED, "boot-up message in mid-run", at)
-        elif answered + 1 == _ANSWERED:
+        elif answered + 1 == _CYCLES_PROVING_OPERATION:
             self._heard = None
             words = protocol.nmt_words(state) if state else "booting"
-            self._report(c.DUPLICATE_ID, f"one node is {words} while another with its id runs", at)
+            self._report(
+                c.DUPLICATE_ID, f"one node is {words} while a second one with its id runs", at
+            )
 
     def _emergency(self, message: protocol.Emergency, at: float) -> None:
         self.emergency = message.words
@@ -379,7 +385,7 @@ class Axis:
         if self.mode != protocol.PROFILE_VELOCITY:
             self._report(c.MODE_CHANGED, f"mode {self.mode}, not {protocol.PROFILE_VELOCITY}", at)
         if not status & StatusBit.REMOTE:
-            self._report(c.REMOTE_LOST, f"{words}: another tool controls the drive", at)
+            self._report(c.REMOTE_LOST, f"{words}: a second tool controls the drive", at)
         if status & StatusBit.WARNING:
             self._report(c.DRIVE_WARNING, words, at)
         if self.request is AxisRequest.ENABLE:
@@ -413,14 +419,14 @@ class Axis:
                     turns = f"the position turns {ratio:.1f} times as far as the velocity"
                     detail = f"{detail}; {turns}: check velocity_unit and gear"
                 self._report(c.CONTRADICTION, detail, at)
-        for counter, rate, most, condition, whose in (
+        for counter, rate, most, condition, motion in (
             (self.motor, self.sent, limits.travel, c.MOTOR_FROZEN, "commanded"),
             (self.plate, self.rate, limits.plate_travel, c.PLATE_FROZEN, "of the motor"),
         ):
             if not counter.pdo.missed:
                 counter.expect(rate, period)
             if abs(counter.travel) > most and counter.quiet > limits.frozen:
-                self._report(condition, f"no count over {counter.travel:.3f} rad {whose}", at)
+                self._report(condition, f"no count over {counter.travel:.3f} rad {motion}", at)
         lagging = abs(self.rate - self.sent) > limits.lag
         self._lagging = self._lagging + period if lagging else 0.0
         if self._lagging > limits.lag_time:
@@ -430,7 +436,7 @@ class Axis:
     def _judge_stop(self, at: float) -> None:
         if self.request is not self._request:
             self._request, self._requested = self.request, at
-        torque = self.state in _TORQUE_STATES
+        torque = self.state in _POSSIBLE_TORQUE_STATES
         ignored = torque and at - self._requested > self._limits.stop
         if self._request is AxisRequest.QUICK_STOP and ignored:
             self.stop_ignored = True

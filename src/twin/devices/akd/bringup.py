@@ -4,7 +4,7 @@ Requests wait for their answer, and the bus is read only meanwhile. What a count
 read from it and checked, never assumed in silence. Velocities and accelerations among its own
 parameters (3xxxh), and what CiA 402 derives from them, count in the unit chosen by UNIT.VROTARY and
 UNIT.ACCROTARY: rpm and rpm/s, or they are refused. How many counts one of them has is not
-documented: 1000 fits what the vendor says of 60FFh, 1 what its EDS gives as defaults. The values
+documented: 1000 fits the vendor's description of 60FFh, 1 fits the defaults in its EDS. The values
 found in the drive tell the two apart, as a motor has neither 2.3 nor 2.3 million rpm.
 
 Currents count in 0.001 A and the torque constant in 0.001 N m/A, which the defaults of the vendor's
@@ -28,7 +28,14 @@ from twin.devices.akd.axis import difference
 from twin.devices.akd.bus import BUS_ERRORS
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.protocol import PDO_INVALID, RPM, DriveState, Object, table
+from twin.devices.akd.protocol import (
+    AKD_VENDOR_ID,
+    PDO_INVALID,
+    RPM_RAD_S,
+    DriveState,
+    Object,
+    table,
+)
 
 AT_EVERY_SYNC = 1
 """Transmission type of a PDO that is exchanged at every SYNC."""
@@ -82,7 +89,7 @@ class Network:
         return answered()
 
     def answered_otherwise(self, node: int, index: int, sub: int) -> str:
-        """What a node has answered instead to the newest request, in words; empty if nothing."""
+        """Message of a node instead of an answer to the newest request; empty if none."""
         if node not in self._answer:
             return ""
         return protocol.answers_otherwise((index, sub), self._answer[node])
@@ -123,7 +130,7 @@ class Remote:
 
     Args:
         network: The bus.
-        axis: Whose drive it is.
+        axis: The axis of the drive.
     """
 
     def __init__(self, network: Network, axis: AxisConfig) -> None:
@@ -157,10 +164,10 @@ class Remote:
             return None
 
     def write(self, index: int, sub: int, value: int) -> None:
-        """Write an object and read it back; ``objects.toml`` says how exactly it must be kept.
+        """Write an object and read it back; ``objects.toml`` gives the allowed difference.
 
         Raises:
-            DriveError: If the drive does not answer, refuses, or keeps another value.
+            DriveError: If the drive does not answer, refuses, or keeps a different value.
         """
         what, known = f"writing {value} to {index:04X}h:{sub}", self._known(index, sub)
         try:
@@ -178,7 +185,7 @@ class Remote:
         Args:
             parameters: Index of its parameters; its mapping lies 200h above.
             cob_id: Its identifier.
-            entries: Index and subindex of what it carries.
+            entries: Index and subindex of each mapped object.
 
         Raises:
             DriveError: If the drive does not answer, refuses, or keeps something else.
@@ -201,12 +208,14 @@ class Remote:
         return known
 
     def _asked(self, what: str, index: int, sub: int, data: bytes) -> bytes:
-        """What a request is answered with."""
+        """Send a request and return the data of its answer."""
         where = self.axis.where
         try:
             answer = self.network.request(self.axis.node, index, sub, data)
         except BUS_ERRORS as error:
-            raise DriveError(c.ADAPTER_GONE, where, f"{what}: adapter gone ({error})") from error
+            raise DriveError(
+                c.ADAPTER_GONE, where, f"{what}: the adapter was lost ({error})"
+            ) from error
         if answer is None:
             if other := self.network.answered_otherwise(self.axis.node, index, sub):
                 raise DriveError(c.SDO_WRONG, where, f"{what}: {other}")
@@ -233,7 +242,7 @@ def absent(network: Network, axis: AxisConfig) -> str:
 
 
 PER_UNIT = 1000
-"""Counts of one unit unless the rig file says otherwise; as for 60FFh (web help: float 1000:1)."""
+"""Counts of one unit where the rig file gives no value; as for 60FFh (web help: float 1000:1)."""
 
 _CUSTOM_VELOCITY = 1 << 4
 """Bit of FBUS.PARAM05 that replaces 0.001 rpm by the factor in 204Ch."""
@@ -263,9 +272,9 @@ class DriveQuantity(NamedTuple):
         Raises:
             ValueError: If the drive's counts are too coarse for it.
         """
-        amount = value / RPM
+        amount = value / RPM_RAD_S
         step = 10.0 ** (math.floor(math.log10(amount)) + 1 - _ROUNDING_DIGITS)
-        wanted = math.ceil(amount / step - 1e-9) * step * RPM
+        wanted = math.ceil(amount / step - 1e-9) * step * RPM_RAD_S
         counts = math.ceil(wanted / self.scale - 1e-9)
         if counts * self.scale > (1 + _MAX_ROUNDING_SHARE) * value:
             raise ValueError(f"{self.words(1)} a count is too coarse for {value:.3g} in SI units")
@@ -273,12 +282,12 @@ class DriveQuantity(NamedTuple):
 
     def words(self, counts: int) -> str:
         """Counts as a person reads them."""
-        return f"{counts * self.scale / RPM:.6g} {self.unit}"
+        return f"{counts * self.scale / RPM_RAD_S:.6g} {self.unit}"
 
 
-SPEED_RANGE_RAD_S = (9 * RPM, 20_000 * RPM)
+SPEED_RANGE_RAD_S = (9 * RPM_RAD_S, 20_000 * RPM_RAD_S)
 """Speed limits that a motor may have, rad/s; the host sets none below 1 rad/s."""
-RAMP_RANGE_RAD_S2 = (100 * RPM, 5e6 * RPM)
+RAMP_RANGE_RAD_S2 = (100 * RPM_RAD_S, 5e6 * RPM_RAD_S)
 """Ramps that a drive may have, rad/s^2."""
 
 
@@ -318,7 +327,7 @@ def _quantity(remote: Remote, index: int, name: str, unit: str, key: str) -> Dri
         text = f"{name} ({index:04X}h) is {chosen}; set it to 0 ({unit}) in the drive"
         raise remote.wrong(text)
     given: float | None = getattr(remote.axis, key)
-    return DriveQuantity(unit, given if given is not None else RPM / PER_UNIT, key)
+    return DriveQuantity(unit, given if given is not None else RPM_RAD_S / PER_UNIT, key)
 
 
 def _check_plausible(
@@ -331,22 +340,22 @@ def _check_plausible(
         found = abs(remote.read(index))
         if not found or low <= found * quantity.scale <= high:
             continue
-        allowed = f"{low / RPM:.3g} to {high / RPM:.3g} {unit} are plausible"
+        allowed = f"{low / RPM_RAD_S:.3g} to {high / RPM_RAD_S:.3g} {unit} are plausible"
         text = f"{name} ({index:04X}h) holds {found}, which would be {quantity.words(found)}"
-        fits = [size for size in (RPM, RPM / PER_UNIT) if low <= found * size <= high]
+        fits = [size for size in (RPM_RAD_S, RPM_RAD_S / PER_UNIT) if low <= found * size <= high]
         advice = f"set {name} in the drive"
         if fits:
-            in_unit = f"{found * fits[0] / RPM:g} {unit}"
+            in_unit = f"{found * fits[0] / RPM_RAD_S:g} {unit}"
             advice = f"if it is {in_unit}, set {axis.name}.{quantity.key} = {fits[0]:.9g}"
         raise remote.wrong(f"{text} ({allowed}); {advice}")
 
 
 Precondition = tuple[str, str, str]
-"""A setting: what it is called in the drive, its value in words, and what to do if it is wrong."""
+"""A setting: its name in the drive, its value in words, and what to do if it is wrong."""
 
 
 def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition, ...]:
-    """What the drive says; a setting that this drive does not have is left out.
+    """Read the settings that the host does not write; one that this drive lacks is left out.
 
     Raises:
         DriveError: If the drive does not answer.
@@ -396,11 +405,15 @@ _POLL_INTERVAL_S = 0.01
 _STILL_MOTION_RAD = 5e-5
 """Motion in rad between them that counts as none."""
 
-_TORQUE_STATES = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION}
+_STATES_TO_SWITCH_OFF = {
+    DriveState.OPERATION_ENABLED,
+    DriveState.QUICK_STOP,
+    DriveState.FAULT_REACTION,
+}
 
 
 def take_torque_away(remote: Remote) -> None:
-    """Bring a drive from any state to rest without torque, whatever its quick stop option says.
+    """Bring a drive from any state to rest without torque, whatever its quick stop option is.
 
     With option 6 (605Ah), and by one reading of the manual with every option, a quick stop ends
     at rest with torque: then, and when it takes too long, the voltage is disabled.
@@ -413,13 +426,13 @@ def take_torque_away(remote: Remote) -> None:
     deadline = network.now() + _STANDSTILL_TIMEOUT_S
     while (
         state := protocol.state(remote.read(0x6041))
-    ) in _TORQUE_STATES and network.now() < deadline:
+    ) in _STATES_TO_SWITCH_OFF and network.now() < deadline:
         resting = _measure_motion(remote) < _STILL_MOTION_RAD
         over = state is DriveState.QUICK_STOP and resting
         remote.write(0x6040, 0, protocol.DISABLE_VOLTAGE if over else protocol.QUICK_STOP)
     remote.write(0x6040, 0, protocol.DISABLE_VOLTAGE)
     status = remote.read(0x6041)
-    if protocol.state(status) in _TORQUE_STATES:
+    if protocol.state(status) in _STATES_TO_SWITCH_OFF:
         detail = f"keeps its torque (status word {status:04X}h); open the STO circuit, then look"
         raise remote.wrong(detail)
     deadline = network.now() + _STANDSTILL_TIMEOUT_S
@@ -477,14 +490,13 @@ def current_limit(remote: Remote, config: AkdConfig) -> tuple[int, str]:
     return round(amperes * _PER_UNIT), words
 
 
-VENDOR_ID = 0x6A
 DEVICE_TYPE = 0x00020192
 _PROFILE_VELOCITY_BIT = 1 << 2
-"""Bit of 6502h; 0 as a whole says nothing."""
+"""Bit of 6502h; a drive with all bits 0 does not report its modes."""
 QUICK_STOP_THEN_OFF = 2
 
 _LISTEN_BEFORE_S = 0.1
-"""Time in s that is listened before anything is sent: another host's heartbeat is heard in it."""
+"""Time in s of listening before anything is sent: long enough for a second host's heartbeat."""
 _DUPLICATE_LISTEN_S = 0.05
 """Time in s in which a second node with the same id would answer too."""
 _POWERED_ANSWER_TIMEOUT_S = 0.25
@@ -517,7 +529,7 @@ def bring_up(
         What each drive was found to be.
 
     Raises:
-        DriveError: If a drive is absent, is not what it should be, or refuses a setting.
+        DriveError: If a drive is absent, is of a wrong type, or refuses a setting.
     """
     network = Network(bus, config.answer, now)
     network.pump(_LISTEN_BEFORE_S)
@@ -544,7 +556,7 @@ def _alone(network: Network, config: AkdConfig) -> None:
     for identifier, words in master_frames(config).items():
         if identifier in network.identifiers:
             where = f"CAN {config.bus}"
-            raise DriveError(c.SECOND_MASTER, where, f"another master sends {words}; end it first")
+            raise DriveError(c.SECOND_MASTER, where, f"a second master sends {words}; end it first")
 
 
 def _command(network: Network, command: int, axis: AxisConfig) -> None:
@@ -584,7 +596,7 @@ def _identify(network: Network, remote: Remote) -> None:
     if answers > 1:
         detail = f"{answers} devices answer to this id; give every drive its own"
         raise DriveError(c.DUPLICATE_ID, axis.where, detail)
-    expected = [(0x1000, 0, DEVICE_TYPE, "device type"), (0x1018, 1, VENDOR_ID, "vendor")]
+    expected = [(0x1000, 0, DEVICE_TYPE, "device type"), (0x1018, 1, AKD_VENDOR_ID, "vendor")]
     if axis.product is not None:
         expected.append((0x1018, 2, axis.product, "product code"))
     for index, sub, value, name in expected:
@@ -595,7 +607,7 @@ def _identify(network: Network, remote: Remote) -> None:
 
 
 class SettingsFound(NamedTuple):
-    """What a drive was found to be, and what it keeps of what was set, in words.
+    """The identity and the settings that a drive has after its bring-up, in words.
 
     Attributes:
         units: What its counts mean.

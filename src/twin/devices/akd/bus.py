@@ -31,7 +31,7 @@ from twin.devices.akd.config import BusConfig
 from twin.devices.common import FaultReports, claim, error_number, in_words
 
 BUS_ERRORS = (can.CanError, OSError)
-"""What python-can and the drivers below it raise when an adapter goes."""
+"""Errors of python-can and the drivers below it when an adapter is lost."""
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -60,7 +60,7 @@ class PromptSlcanBus(slcanBus):
         self._unsent: list[str] = []
         self._polled = 0.0
         self._refused = 0
-        # Claimed before the library opens it: its first bytes would close another one's channel.
+        # Claimed before the library opens it: its first bytes would close the channel of its user.
         self._claim, path = ExitStack(), channel.partition("@")[0]
         if "://" not in path:
             self._claim.callback(os.close, claim(path, os.O_RDWR))
@@ -84,7 +84,7 @@ class PromptSlcanBus(slcanBus):
         """
         if not self._unsent:
             return
-        # Not through pyserial, whose write waits, and times out even for bytes it has written.
+        # Not through pyserial: its write waits, and times out even for bytes it has written.
         data = b"".join(line.encode("ascii") + self.LINE_TERMINATOR for line in self._unsent)
         self._unsent.clear()
         try:
@@ -95,7 +95,7 @@ class PromptSlcanBus(slcanBus):
             raise CanOperationError("adapter takes no more bytes")
 
     def shutdown(self) -> None:
-        """Close the channel and the port; an adapter that has gone is let go."""
+        """Close the channel and the port; an adapter that was lost is only forgotten."""
         BusABC.shutdown(self)
         with suppress(CanOperationError):
             self._write("C")

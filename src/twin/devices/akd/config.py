@@ -8,14 +8,14 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from twin.base.errors import ScenarioError
-from twin.devices.akd.protocol import RPM, TURN_RAD
+from twin.devices.akd.protocol import RPM_RAD_S, TURN_RAD
 from twin.devices.common import Ranged, net, range_field
 from twin.hal.interface import NOMINAL_PERIOD
 
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorConfig(Ranged):
-    """Thresholds of the monitoring; s, rad, rad/s, or cycles where said; each a `net`.
+    """Thresholds of the monitoring; s, rad, rad/s, or cycles where stated; each a `net`.
 
     Attributes:
         stale: Cycles without a PDO after which the axis counts as unknown.
@@ -76,8 +76,8 @@ _PERIOD_FRAME_BYTES = (0, 6, 6, 7, 7, 8, 8)
 
 
 _UNCONFIRMED_METADATA = {"unconfirmed": True}
-"""Metadata of a setting whose default nobody has confirmed on the rig. Where it is from, and
-whether that is indirect (M) or inferred (L), stands with the attribute."""
+"""Metadata of a setting with a default that was never confirmed on the rig. The attribute gives its
+source, and whether that is indirect (M) or inferred (L)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +133,7 @@ class AxisConfig(Ranged):
     plate_counts: int = range_field(245760, 16, 1 << 32, **_UNCONFIRMED_METADATA)
     plate_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED_METADATA)
     plate_object: tuple[int, int] = field(default=(0x2050, 0), metadata=_UNCONFIRMED_METADATA)
-    velocity_unit: float = range_field(0.001 * RPM, 1e-9, 1)
+    velocity_unit: float = range_field(0.001 * RPM_RAD_S, 1e-9, 1)
     acceleration_unit: float | None = range_field(None, 1e-6, 1e4, **_UNCONFIRMED_METADATA)
     limit_unit: float | None = range_field(None, 1e-6, 10, **_UNCONFIRMED_METADATA)
     product: int | None = None
@@ -161,10 +161,10 @@ class AxisConfig(Ranged):
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings(Ranged):
-    """What both drives of a rig are set to and watched by.
+    """Settings and monitoring of both drives of a rig.
 
     Attributes:
-        host: The host's own node, whose heartbeat the drives monitor.
+        host: Node of the host; the drives monitor its heartbeat.
         heartbeat: Period of every heartbeat in s.
         silence: Silence after which either side acts, in s.
         answer: Time an SDO answer may take before the cycle runs, s.
@@ -177,6 +177,8 @@ class DriveSettings(Ranged):
             model: the hardest motion takes 2.8 (L).
         motor_torque: The motors' continuous torque, N m, compared with what the drives know;
             datasheet of the C041A (M).
+        shaft_lag: Time constant in s with which a shaft follows the velocity that its drive
+            reports, as of an emulated servo; 0 for a drive that measures it.
         watch: Thresholds.
     """
 
@@ -189,6 +191,7 @@ class DriveSettings(Ranged):
     ramp: float = range_field(2000.0, 50, 1e5, **_UNCONFIRMED_METADATA)
     torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED_METADATA)
     motor_torque: float = range_field(4.57, 0.1, 50, **_UNCONFIRMED_METADATA)
+    shaft_lag: float = net(0.0, 0, 0.5)
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
 
@@ -255,6 +258,6 @@ class AkdConfig(DriveSettings):
 
 
 def list_unconfirmed() -> list[str]:
-    """Every setting whose default nobody has confirmed on the rig."""
+    """Every setting with a default that was never confirmed on the rig."""
     of_both = [*fields(AkdConfig), *fields(AxisConfig)]
     return sorted(each.name for each in of_both if "unconfirmed" in each.metadata)

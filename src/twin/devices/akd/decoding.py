@@ -1,4 +1,4 @@
-"""What the frames of a trace say: any CANopen devices, drives of CiA 402 in words.
+"""Decodes the frames of a trace: any CANopen devices, drives of CiA 402 in words.
 
 What a PDO carries is taken from the trace itself, where its mapping is written or read; else from
 the rig file, from an EDS or DCF file, or, where the length fits, from what CiA 402 has as default.
@@ -33,7 +33,7 @@ from twin.devices.akd.observed import (
     StreamKey,
     Transfer,
 )
-from twin.devices.akd.protocol import RPM, TURN_RAD, Key, Object, mappings, table
+from twin.devices.akd.protocol import RPM_RAD_S, TURN_RAD, Key, Object, mappings, table
 from twin.devices.akd.wire_values import (
     PROFILE,
     VENDOR,
@@ -53,29 +53,27 @@ if TYPE_CHECKING:
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 ERROR_CODE, FAULTS = 0x603F, 0x2001
-_TOLD = {CONTROL, STATUS, 0x6060, 0x6061, ERROR_CODE, 0x1001, 0x60FD}
+_REPORTED_OBJECTS = {CONTROL, STATUS, 0x6060, 0x6061, ERROR_CODE, 0x1001, 0x60FD}
 """Objects of which every change in a PDO is reported."""
 MODES = (0x6061, 0x6060)
 """The mode of operation, as it is displayed and as it is given."""
-_POSITIONS = (0x6062, PLACE, 0x607A, 0x60F4)
+_POSITION_OBJECTS = (0x6062, PLACE, 0x607A, 0x60F4)
 """In units of the user; the feed (6092h) gives their number in a turn of the shaft."""
-_INCREMENTS = (0x6063, 0x60FC)
+_ENCODER_OBJECTS = (0x6063, 0x60FC)
 """In increments of the encoder; its resolution (608Fh) gives their number in a turn."""
-_VELOCITIES = (0x606B, SPEED, TARGET)
-AKD = 0x6A
-"""Vendor of the drives that count velocities in 0.001 rpm."""
-_DRIVES = {0, 402, 0xFFFF}
+_VELOCITY_OBJECTS = (0x606B, SPEED, TARGET)
+_DRIVE_PROFILES = {0, 402, 0xFFFF}
 """Profiles (low word of 1000h) of drives, of devices of several profiles, and of none (0)."""
 _VENDORS_OBJECTS, _PROFILES_OBJECTS = range(0x2000, 0x6000), range(0x6000, 0xA000)
 AXIS_OFFSET = 0x800
 """Objects from one axis of a drive to the next."""
-_UNUSED = 0x20
-"""Index below which a mapped object is a type: bits that stand for nothing."""
-_KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
-_IRREGULAR = 0.05
-"""Share of long pauses from which a sequence of frames is no regular one."""
+_MIN_MAPPED_INDEX = 0x20
+"""Lowest index of a mapped object: a lower one is a data type, used as padding."""
+_FRAME_KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
+_IRREGULAR_SHARE = 0.05
+"""Share of long pauses above which a sequence of frames is not regular."""
 LONG_PAUSE = 1.6
-"""Times the usual pause from which one is a gap."""
+"""Multiple of the usual pause above which a pause is a gap."""
 _FEW, _MOST = 10, 20
 """Fewest frames in which a rhythm is seen; most gaps of one kind that are reported, the longest."""
 _ENDED, _ENDED_FOR = 3, 0.05
@@ -86,15 +84,20 @@ _DOWNLOAD_ANSWER = 3
 _SIZED, _EXPEDITED = 1, 2
 """Bits of the specifier that begins a transfer: its size is stated; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
-_NAMING = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
+_NAMING_SPECIFIERS = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
 """Command specifiers of answers that name their object."""
-_OPEN = 50
+_SDO_BYTES, _MIN_SDO_BYTES = 8, 4
+"""Length of every SDO frame by CiA 301, and the least that names an object."""
+_FIRST_BYTES = {0x20, 0x21, 0x22, 0x23, 0x27, 0x2B, 0x2F, 0x40}
+"""First bytes of requests to write or read an object, without those of blocks."""
+_FIRST_INDEX = 0x1000
+"""Lowest index of an object that is no data type."""
+_MAX_OPEN_TRANSFERS = 50
 """Transfers back in which the request of a late answer is looked for."""
-_UNANSWERED = "unanswered", "no answer"
 _SHORT_S = 0.2
 """Time in s below which one is given in ms."""
 HOST = "host"
-"""Who sends what only a master sends."""
+"""Sender of frames that only a master sends."""
 
 
 def sync_period(frames: Sequence[BusFrame]) -> float:
@@ -126,7 +129,7 @@ class TracedEvent(NamedTuple):
 
 
 class Pdo(NamedTuple):
-    """What a PDO carries.
+    """A PDO with its mapped objects.
 
     Attributes:
         node: The sending or receiving node.
@@ -140,7 +143,7 @@ class Pdo(NamedTuple):
 
 
 class Names:
-    """What objects are called: by an EDS or DCF file, else as the standards and an AKD have them.
+    """Names of objects: from an EDS or DCF file, else from the standards and the AKD.
 
     Args:
         eds: The file.
@@ -196,7 +199,7 @@ def key_of_axis(index: int, axis: int) -> Key:
 
 @dataclass
 class Node:
-    """What a node did.
+    """A node, and the counts of its frames and services.
 
     Attributes:
         name: Its name.
@@ -228,13 +231,13 @@ class Series(NamedTuple):
 
 
 class _Entry(NamedTuple):
-    """An object in a PDO: its key, type, first bit, bits, and whether its changes are reported."""
+    """An object in a PDO: its key, type, first bit, bits, and whether changes are reported."""
 
     key: Key
     type: str
     first: int
     bits: int
-    told: bool
+    reports_changes: bool
     series: Series
 
 
@@ -242,7 +245,7 @@ class _Entry(NamedTuple):
 class _Transfer:
     """An SDO transfer under way: since when, its object, whether it writes, what has come.
 
-    ``more`` means that data are still to come.
+    ``more`` means that data are still to come, ``answered`` that some have.
     """
 
     since: float
@@ -252,10 +255,11 @@ class _Transfer:
     block: bool
     data: bytes = b""
     more: bool = True
+    answered: bool = False
 
 
 class _Held(dict[int, dict[Key, int]]):
-    """What objects of nodes hold: at first what is known of a node without the trace."""
+    """Values of objects of nodes: at first those that are known without the trace."""
 
     def __init__(self, known: Callable[[int], dict[Key, int]]) -> None:
         super().__init__()
@@ -300,7 +304,7 @@ class Conversation:
         """Error frames by what they say."""
         foreign, echoes = list_foreign(heard)
         self.observed = Observed(foreign=foreign)
-        """What the frames show, as data."""
+        """The observations in the frames, as data."""
         self.echoes = len(echoes)
         """Frames that the adapter handed back to its host; they are left out."""
         self.timed = timed
@@ -318,22 +322,58 @@ class Conversation:
         self._last: dict[object, object] = {}
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
         self._objects: dict[tuple[int, Key], Object] = {}
+        self._requests: Counter[bool] = Counter()
         self._there, self._identities = find_identities(heard)
         self.bitrate: int | None = rig.bus.bitrate if rig else None
         """Bit rate of the bus in bit/s; None if it is not known."""
         self.values = _Held(self._known_of)
-        """What objects of nodes hold at its end, as far as it was read or written."""
+        """Values of objects of nodes at its end, as far as they were read or written."""
         for self._frame, message in enumerate(heard, 1):
             is_echo, at = self._frame in echoes, message.timestamp - self.begin
             self.observed.times.append(at)
             self.observed.bits.append(0 if is_echo else longest_bits(message))
             if not is_echo:
                 self._take(message, at)
+        self._conclude(heard)
+
+    @property
+    def is_canopen(self) -> bool:
+        """Whether the bus is one of CANopen.
+
+        PDOs and emergencies alone are no sign of it, as frames of any protocol may have their
+        identifiers: it is one if no frame has an identifier or a length that CANopen does not have.
+        """
+        seen = self.observed
+        answered = any(each.end is not None for each in seen.transfers)
+        return bool(
+            self._axes
+            or self._names.sheet.objects
+            or seen.life
+            or seen.guards
+            or seen.commands
+            or StreamKey(BUS, "SYNC") in seen.streams
+            or answered
+            or self._requests[True] > self._requests[False]
+            or not self.strangers
+        )
+
+    def _conclude(self, heard: Sequence[BusFrame]) -> None:
+        """Take in what only the end of the trace shows."""
         for node, left in sorted(self._sdo.items()):
-            self._ended(node, left, *_UNANSWERED)
-        if timed:
+            self._left(node, left)
+        if not self.is_canopen:
+            self._leave_alone(heard)
+        if self.timed:
             self._find_gaps()
         self.events.sort(key=lambda each: each.time)
+
+    def _leave_alone(self, heard: Sequence[BusFrame]) -> None:
+        """Forget what frames of a different protocol would mean; keep errors and counts."""
+        self.nodes.clear()
+        self.series.clear()
+        self.events = [each for each in self.events if each.kind == "bus"]
+        self.observed.streams.clear()
+        self.strangers = Counter(each.arbitration_id for each in heard if not each.is_error_frame)
 
     def _known_of(self, node: int) -> dict[Key, int]:
         """What the trace does not show: by the standard, by the maker's file, by the rig's."""
@@ -354,13 +394,13 @@ class Conversation:
     def is_akd(self, node: int) -> bool:
         """Whether a node is an AKD: by the rig file, the trace, or the EDS file."""
         vendor = self._identities.get((node, VENDOR), self._names.sheet.vendor)
-        return node in self._axes or vendor == AKD
+        return node in self._axes or vendor == protocol.AKD_VENDOR_ID
 
     def is_drive(self, node: int) -> bool:
         """Whether a node may be a drive: unless the trace or its file shows a different profile."""
         default = self._names.sheet.defaults.get(PROFILE) if self._is_of_sheet(node) else None
         profile = self._identities.get((node, PROFILE), default.number if default else None)
-        return node in self._axes or profile is None or profile & 0xFFFF in _DRIVES
+        return node in self._axes or profile is None or profile & 0xFFFF in _DRIVE_PROFILES
 
     def _object(self, node: int, key: Key) -> Object:
         """An object of a node: its name and type."""
@@ -374,12 +414,14 @@ class Conversation:
             )
         return found
 
-    def _is_told(self, node: int, key: Key) -> bool:
+    def _reports_changes(self, node: int, key: Key) -> bool:
         """Whether every change of an object is reported."""
         index = axis_of(key[0])[0]
         if index == FAULTS:
             return self.is_akd(node)
-        return index in _TOLD and (index < _PROFILES_OBJECTS.start or self.is_drive(node))
+        return index in _REPORTED_OBJECTS and (
+            index < _PROFILES_OBJECTS.start or self.is_drive(node)
+        )
 
     @property
     def sync(self) -> array[float]:
@@ -387,7 +429,7 @@ class Conversation:
         return self.observed.streams[StreamKey(BUS, "SYNC")].time
 
     def called(self, node: int) -> str:
-        """What a node is called."""
+        """Name of a node."""
         axis = self._axes.get(node)
         return f"node {node}" + (f" ({axis.name})" if axis else "")
 
@@ -402,7 +444,7 @@ class Conversation:
         return self.duration if end is None else end
 
     def lasting(self, begin: float, end: float | None) -> str:
-        """How long something stands from a time in s to another, in words; None as `end_of`."""
+        """How long a state lasts between two times in s, in words; None as in `end_of`."""
         when = "to the end of the trace, " if end is None else ""
         return f"{when}for {self.span(self.end_of(end) - begin)}"
 
@@ -439,10 +481,10 @@ class Conversation:
             return axis.plate, "rad"
         if key[1] or not self.is_drive(node):
             return 1.0, ""
-        if axis is not None and index in _POSITIONS:
+        if axis is not None and index in _POSITION_OBJECTS:
             return axis.position, "rad"
-        if index in _VELOCITIES and self.is_akd(node):
-            return axis.velocity if axis else 0.001 * RPM, "rad/s"
+        if index in _VELOCITY_OBJECTS and self.is_akd(node):
+            return axis.velocity if axis else 0.001 * RPM_RAD_S, "rad/s"
         units = self._units_a_turn(node, index, (number - 1) * AXIS_OFFSET)
         return (TURN_RAD / units, "rad") if units else (1.0, "")
 
@@ -462,9 +504,9 @@ class Conversation:
 
         resolution, gear, feed = (ratio(of) for of in (0x608F, 0x6091, 0x6092))
         increments = self.is_akd(node) and not values.get((0x36E9, 0), 0) & 1 << 4
-        if index in _INCREMENTS or (index in _POSITIONS and increments):
+        if index in _ENCODER_OBJECTS or (index in _POSITION_OBJECTS and increments):
             return resolution
-        return feed if index in _POSITIONS and resolution and gear else None
+        return feed if index in _POSITION_OBJECTS and resolution and gear else None
 
     def words(self, node: int, key: Key, value: float) -> str:
         """A value of an object in words."""
@@ -472,7 +514,7 @@ class Conversation:
             return f"{value:.7g}"
         index, sub = axis_of(key[0])[0], key[1]
         factor, unit = self.scale(node, key)
-        of_pdo, maps = index in protocol.PDOS, bool(index & 0x200)
+        of_pdo, maps = index in protocol.PDO_PARAMETER_INDICES, bool(index & 0x200)
         text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & shown_mask(value):X}h)"
         drive = self.is_drive(node)
         if index == STATUS and drive:
@@ -485,6 +527,8 @@ class Conversation:
             text = f"{protocol.control_words(value, mode)} ({value:04X}h)"
         elif index in {0x6060, 0x6061} and drive:
             text = table()["modes"].get(f"{value}", f"mode {value}")
+        elif key == PROFILE and value:
+            text = f"CiA {value & 0xFFFF} ({value:X}h)"
         elif index == ERROR_CODE and drive and value:
             words = protocol.error_words(value, akd=self.is_akd(node))
             text = f"{value:04X}h {words}".strip()
@@ -502,11 +546,11 @@ class Conversation:
         return text
 
     def summary(self) -> dict[str, Any]:
-        """What ``--json`` prints, but for the events."""
+        """The output of ``--json``, without the events."""
         nodes = {f"{each}": {**vars(node), "signals": {}} for each, node in self.nodes.items()}
         for (number, key), series in self.series.items():
             known = [value for value in series.counts if math.isfinite(value)]
-            if known and not self._is_told(number, key):
+            if known and not self._reports_changes(number, key):
                 factor, unit = self.scale(number, key)
                 ends = [each(known) * (factor if unit else 1) for each in (min, max)]
                 low, high = sorted(ends)
@@ -549,7 +593,7 @@ class Conversation:
         return remarks
 
     def object_name(self, node: int, key: Key) -> str:
-        """What an object of a node is called."""
+        """Name of an object of a node."""
         name = self._object(node, key).name
         return f"{key[0]:04X}h{f':{key[1]}' if key[1] else ''}{f' {name}' if name else ''}"
 
@@ -587,12 +631,12 @@ class Conversation:
             node = identifier - protocol.HEARTBEAT
             if 0 < node <= protocol.NODE_MASK:
                 self.observed.guards[node].append(at, self._frame)
-        elif identifier == protocol.NMT and len(data) == 2:
+        elif identifier == protocol.NMT and len(data) == 2 and data[1] <= protocol.NODE_MASK:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
             self._say(at, HOST, "NMT", f"{command}: {whom}")
             self.observed.commands.append(Command(at, self._frame, data[0], data[1]))
-        elif identifier == protocol.SYNC:
+        elif identifier == protocol.SYNC and len(data) <= 1:
             self.observed.streams[StreamKey(BUS, "SYNC")].append(at, self._frame)
         else:
             self._service(at, identifier, data)
@@ -600,10 +644,16 @@ class Conversation:
     def _service(self, at: float, identifier: int, data: bytes) -> None:
         number = identifier & protocol.NODE_MASK
         service = identifier - number
-        kind = _KINDS.get(service)
+        kind = _FRAME_KINDS.get(service)
         pdo = self.pdos.get(identifier) or self._usual(identifier)
         if pdo is not None:
             self._exchange(at, identifier, pdo, data)
+        elif identifier == protocol.TIME and len(data) == protocol.TIME_BYTES:
+            if self._new("TIME", True):
+                self._say(at, HOST, "TIME", protocol.time_words(data))
+        elif identifier in protocol.LSS and len(data) == protocol.LSS_BYTES:
+            who = HOST if identifier == protocol.LSS[0] else "a device"
+            self._say(at, who, "LSS", protocol.lss_words(data))
         elif kind is None or not number:
             self.strangers[identifier] += 1
         elif service == protocol.SDO_REQUEST:
@@ -666,7 +716,11 @@ class Conversation:
     def _pdo_parameters(self, nodes: Iterable[int]) -> list[int]:
         """The parameters of PDOs that nodes may have, those that they send first."""
         known = {i for number in nodes for i, sub in self.values[number] if sub == 1}
-        given = {index for index in known if index in protocol.PDOS and not index & 0x200}
+        given = {
+            index
+            for index in known
+            if index in protocol.PDO_PARAMETER_INDICES and not index & 0x200
+        }
         usual = {first + k for first in (0x1400, 0x1800) for k in range(4)}
         return sorted(given | usual, key=lambda index: (index < 0x1800, index))
 
@@ -718,7 +772,7 @@ class Conversation:
             raw = packed >> entry.first & (1 << entry.bits) - 1
             value = decode_number(entry.type, raw, entry.bits)
             counts = entry.series.counts
-            if entry.told and (not counts or counts[-1] != value):
+            if entry.reports_changes and (not counts or counts[-1] != value):
                 self._changed(at, who, pdo, entry.key, int(value))
             entry.series.time.append(at)
             counts.append(value)
@@ -728,13 +782,15 @@ class Conversation:
         """The objects of a PDO with their types; not what stands for nothing."""
         found, first = list[_Entry](), 0
         for key, bits in pdo.entries:
-            if 0 < bits <= 64 and key[0] >= _UNUSED:
+            if 0 < bits <= 64 and key[0] >= _MIN_MAPPED_INDEX:
                 kind = self._object(pdo.node, key).type
                 real = kind[0] == "F" and kind[1:] == f"{bits}"
                 code = "d" if real else "q" if kind[0] == "I" else "Q"
                 series = self.series.setdefault((pdo.node, key), Series(array("d"), array(code)))
-                reports = self._is_told(pdo.node, key)
-                if series.counts.typecode == code:  # carried in another length before: not by this
+                reports = self._reports_changes(pdo.node, key)
+                if (
+                    series.counts.typecode == code
+                ):  # otherwise mapped with a different length before
                     found.append(_Entry(key, kind, first, bits, reports, series))
             first += bits
         self._layouts[pdo[:2]] = first, found
@@ -758,24 +814,32 @@ class Conversation:
     def _transfer(self, at: float, number: int, data: bytes, *, asks: bool) -> None:
         """Take in what a client asks of a node, or what that answers.
 
-        CiA 301 has the command specifier in bits 5 to 7 of the first byte.
+        CiA 301 has the command specifier in bits 5 to 7 of the first byte. A shorter frame that
+        names its object is taken as if zeros followed.
         """
-        if len(data) != 8:
-            return
+        if len(data) != _SDO_BYTES:
+            self.observed.short_transfers[number].append(at, self._frame)
+            if len(data) < _MIN_SDO_BYTES:
+                return
+            data = data.ljust(_SDO_BYTES, b"\0")
         command, transfer = data[0] >> 5, self._sdo.get(number)
         writes, block = command in _WRITING, command in _BLOCKS
+        if asks and (block or transfer is None):
+            index = data[1] | data[2] << 8
+            self._requests[(block or data[0] in _FIRST_BYTES) and index >= _FIRST_INDEX] += 1
         if asks and (writes or block or command == _UPLOAD):
             if transfer is not None:
-                self._ended(number, transfer, *_UNANSWERED)
+                self._left(number, transfer)
             key = data[1] | data[2] << 8, data[3]
             transfer = self._sdo[number] = _Transfer(at, self._frame, key, writes, block)
-        elif not asks and command in _NAMING:
+        elif not asks and command in _NAMING_SPECIFIERS:
             key = data[1] | data[2] << 8, data[3]
             if transfer is None or key != transfer.key:
                 self._answer_late(at, number, key)
                 return
         if transfer is None:
             return
+        transfer.answered |= not asks
         if command == _ABORT:
             code = int.from_bytes(data[4:], "little")
             why = f"refused, {protocol.abort_words(code)}"
@@ -796,7 +860,7 @@ class Conversation:
     def _answer_late(self, at: float, number: int, key: Key) -> None:
         """Assign an answer to an earlier request of that object that had none."""
         transfers = self.observed.transfers
-        for k in range(len(transfers) - 1, max(len(transfers) - _OPEN, 0) - 1, -1):
+        for k in range(len(transfers) - 1, max(len(transfers) - _MAX_OPEN_TRANSFERS, 0) - 1, -1):
             each = transfers[k]
             if each.node == number and each.key == key and each.end is None:
                 frames = (*each.frames, self._frame)
@@ -819,12 +883,12 @@ class Conversation:
         else:
             self.values[number][key] = value
             index = axis_of(key[0])[0]
-            if self._is_told(number, key):
+            if self._reports_changes(number, key):
                 self._note(at, number, key, value)
             if index == STATUS and self.is_drive(number):
                 self._power(at, number, key, value)
             value_text = self.words(number, key, value)
-            if index in protocol.PDOS:
+            if index in protocol.PDO_PARAMETER_INDICES:
                 if not index & 0x200 and key[1] == 1:
                     self._identified.add((number, index))
                 self._assign(number, index & ~0x200)
@@ -832,6 +896,13 @@ class Conversation:
                 self._node(number).faults.append({"time": at, "text": value_text})
         how = "writes" if transfer.writes else "reads"
         self._ended(number, transfer, how, value_text, at, value=kept)
+
+    def _left(self, number: int, transfer: _Transfer) -> None:
+        """Report a transfer that has no end."""
+        if transfer.answered:
+            self._ended(number, transfer, "unfinished", "begun and not finished")
+        else:
+            self._ended(number, transfer, "unanswered", "no answer")
 
     def _ended(
         self,
@@ -850,7 +921,15 @@ class Conversation:
         frames = (transfer.frame,) if at is None else (transfer.frame, self._frame)
         self.observed.transfers.append(
             Transfer(
-                transfer.since, at, frames, number, transfer.key, transfer.writes, abort, value
+                transfer.since,
+                at,
+                frames,
+                number,
+                transfer.key,
+                transfer.writes,
+                abort,
+                value,
+                unfinished=at is None and transfer.answered,
             )
         )
         written = f"writes {what} to {node.name}: {value_text}"
@@ -894,7 +973,7 @@ class Conversation:
         return self._assigned(other, found) if found is not None else None
 
     def label(self, stream: StreamKey) -> str:
-        """What a stream is called."""
+        """Name of a stream."""
         return f"{stream.name} of {self.called(stream.node)}" if stream.node else stream.name
 
     def _find_gaps(self) -> None:
@@ -907,7 +986,7 @@ class Conversation:
             pauses = [after - before for before, after in pairwise(times)]
             usual, last = median(pauses), times[-1]
             long = [k for k, pause in enumerate(pauses) if pause > LONG_PAUSE * usual]
-            if len(long) > _IRREGULAR * len(pauses):
+            if len(long) > _IRREGULAR_SHARE * len(pauses):
                 continue
             gaps = [Gap(times[k], times[k + 1], frames[k]) for k in long]
             if self.duration - last > max(_ENDED * usual, _ENDED_FOR):

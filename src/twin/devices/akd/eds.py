@@ -11,22 +11,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin.base.errors import LogError, list_first
-from twin.base.foreign import HEAD, decode_text, file_kind, with_article
-from twin.devices.akd.protocol import PDOS, Key, Object
+from twin.base.foreign import HEAD_BYTES, decode_text, file_kind, with_article
+from twin.devices.akd.protocol import PDO_PARAMETER_INDICES, Key, Object
 
-_TYPES = {
+_CIA301_TYPES = {
     0x01: "U1", 0x02: "I8", 0x03: "I16", 0x04: "I32", 0x05: "U8", 0x06: "U16", 0x07: "U32",
     0x08: "F32", 0x09: "S0", 0x0A: "B0", 0x0B: "B0", 0x0C: "B48", 0x0D: "B48", 0x0F: "B0",
     0x10: "I24", 0x11: "F64", 0x12: "I40", 0x13: "I48", 0x14: "I56", 0x15: "I64", 0x16: "U24",
     0x18: "U40", 0x19: "U48", 0x1A: "U56", 0x1B: "U64",
 }  # fmt: skip
 """Data types of CiA 301 as `Object` has them."""
-_DEFAULTS_USED = frozenset((*PDOS, 0x1000))
+_DEFAULTS_USED = frozenset((*PDO_PARAMETER_INDICES, 0x1000))
 """Objects of which the default value is used: the parameters and mappings of PDOs, the profile."""
-_SHOWN = 5
+_MAX_SHOWN_REMARKS = 5
 """Remarks about single lines and values that are shown; of more the number is."""
 
-_LARGEST = {"VendorNumber": 0xFFFF_FFFF, "NodeID": 127}
+_LARGEST_NUMBERS = {"VendorNumber": 0xFFFF_FFFF, "NodeID": 127}
 """Largest numbers of a vendor and of a node."""
 
 _Section = dict[str, str]
@@ -34,7 +34,7 @@ _Section = dict[str, str]
 
 @dataclass(frozen=True)
 class Value:
-    """What an object holds by the file.
+    """An object as the file describes it.
 
     Attributes:
         number: The number.
@@ -45,19 +45,19 @@ class Value:
     relative: bool
 
     def of_node(self, node: int) -> int:
-        """What it is in a node."""
+        """The number in a given node."""
         return self.number + node * self.relative
 
 
 @dataclass(frozen=True)
 class DataSheet:
-    """What an EDS or DCF says of a device.
+    """The content of an EDS or DCF of a device.
 
     Attributes:
         objects: Its objects by index and subindex, with name and type.
         defaults: What `_DEFAULTS_USED` hold before anybody writes them.
         values: What the objects of a configured device hold (``ParameterValue`` of a DCF).
-        node: Whose values these are; None if the file names no node.
+        node: Node that has these values; None if the file names no node.
         vendor: Number of the vendor; None if the file has none.
         remarks: What was left out, in a line each.
     """
@@ -72,9 +72,9 @@ class DataSheet:
     def held_by(self, node: int) -> dict[Key, int]:
         """What the objects of a node hold by this file, as far as it may be such a device.
 
-        The values of a configured device are those of its node alone. An identifier without
-        ``$NODEID`` belongs to the node that the file names; if it names none, to the node whose
-        number is in it.
+        The values of a configured device hold for its node alone. An identifier without ``$NODEID``
+        belongs to the node that the file names; if it names none, to the node with the number in
+        the identifier.
 
         Args:
             node: Number of the node.
@@ -92,7 +92,7 @@ class DataSheet:
 
 def _is_cob_id(key: Key) -> bool:
     """Whether an object is the identifier of a PDO."""
-    return key[0] in PDOS and not key[0] & 0x200 and key[1] == 1
+    return key[0] in PDO_PARAMETER_INDICES and not key[0] & 0x200 and key[1] == 1
 
 
 def read_data_sheet(path: Path) -> DataSheet:
@@ -123,7 +123,7 @@ def read_data_sheet(path: Path) -> DataSheet:
         compact = _number(section.get("compactsubobj", "0")) or 0
         entries = "datatype" not in section or f"{name}sub0" in sections
         if match[2] is None and "subnumber" in section and entries and not compact:
-            continue  # a record or an array, whose entries have sections of their own
+            continue  # a record or an array: its entries have sections of their own
         if compact:
             arrays[key[0]] = min(compact, 0xFE), section
             continue
@@ -136,7 +136,9 @@ def read_data_sheet(path: Path) -> DataSheet:
         _expand(index, count, section, sections, objects, defaults, values, left_out)
     if not objects:
         why = (
-            f"it is {with_article(kind)}" if (kind := file_kind(raw[:HEAD])) else "it has no object"
+            f"it is {with_article(kind)}"
+            if (kind := file_kind(raw[:HEAD_BYTES]))
+            else "it has no object"
         )
         raise LogError(f"--eds {path}: not a readable EDS file: {why}")
     device = sections.get("deviceinfo", {})
@@ -145,8 +147,8 @@ def read_data_sheet(path: Path) -> DataSheet:
         objects,
         defaults,
         values,
-        _told("NodeID", commissioning, left_out),
-        _told("VendorNumber", device, left_out) or None,
+        _read_number("NodeID", commissioning, left_out),
+        _read_number("VendorNumber", device, left_out) or None,
         _remarks(path.name, left_out),
     )
 
@@ -202,14 +204,14 @@ def _number(text: str) -> int | None:
         return None
 
 
-def _told(key: str, section: _Section, left_out: list[str]) -> int | None:
+def _read_number(key: str, section: _Section, left_out: list[str]) -> int | None:
     """A number of a section; a text that is none is left out."""
     text = section.get(key.casefold())
     if text is None:
         return None
     number = _number(text)
     octal = key == "VendorNumber" and re.match(r"0\d", text)  # 001 names nobody
-    if number is None or octal or not 0 <= number <= _LARGEST[key]:
+    if number is None or octal or not 0 <= number <= _LARGEST_NUMBERS[key]:
         left_out.append(f"{key}='{_short(text)}'")
         return None
     return number
@@ -227,8 +229,8 @@ def _type(
     kind = _number(section.get("objecttype", "7"))
     if kind == 2:  # DOMAIN
         return "B0"
-    if number in _TYPES:
-        return _TYPES[number]
+    if number in _CIA301_TYPES:
+        return _CIA301_TYPES[number]
     if not text:
         if "parametername" not in section:
             left_out.append(f"[{name}]: it has no DataType and no ParameterName")
@@ -241,7 +243,7 @@ def _type(
 
 
 def _name(key: Key, section: _Section, sections: dict[str, _Section]) -> str:
-    """What an object is called; an entry of a record or array with the name of that before it."""
+    """Name of an object; an entry of a record or array is preceded by the name of the object."""
     own = section.get("denotation") or section.get("parametername", "")
     around = sections.get(f"{key[0]:x}", {})
     whole = "" if around is section else around.get("parametername", "")
@@ -307,13 +309,13 @@ def _expand(
         its = {"defaultvalue": section.get("defaultvalue", "")}
         its["parametervalue"] = own_values.get(f"{sub}", "")
         _hold((index, sub), its, name, defaults, values, left_out)
-    if index in PDOS and index & 0x200:
+    if index in PDO_PARAMETER_INDICES and index & 0x200:
         defaults.setdefault((index, 0), Value(count, relative=False))
 
 
 def _remarks(file: str, left_out: list[str]) -> tuple[str, ...]:
-    """What was left out, in one line."""
+    """The parts that were left out, in one line."""
     if not left_out:
         return ()
-    shown = list_first(left_out, _SHOWN, "; ")
+    shown = list_first(left_out, _MAX_SHOWN_REMARKS, "; ")
     return (f"{file}: not readable and left out: {shown}",)

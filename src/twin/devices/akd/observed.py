@@ -1,4 +1,4 @@
-"""What a trace shows, as data: the decoder collects it, and findings are made of it.
+"""Observations in a trace, as data: the decoder collects them, and findings are made of them.
 
 Times are in s since the first frame. Frames are numbered from 1, in the order of their times.
 """
@@ -17,7 +17,7 @@ BUS = 0
 
 
 class StreamKey(NamedTuple):
-    """What is sent again and again: of which node, ``BUS`` for SYNC, and its name."""
+    """A stream of repeated frames: its node, ``BUS`` for SYNC, and its name."""
 
     node: int
     name: str
@@ -59,7 +59,7 @@ class Rhythm(NamedTuple):
     gaps: list[Gap]
 
     def long(self, pauses: float) -> list[Gap]:
-        """Its gaps of more than so many usual pauses, and its end before that of the trace."""
+        """Its gaps of more than so many usual pauses, and its end if it ends before the trace."""
         limit = pauses * self.usual
         return [each for each in self.gaps if each.end is None or each.end - each.begin > limit]
 
@@ -124,6 +124,7 @@ class Transfer(NamedTuple):
         abort: The abort code; None if it was not refused.
         value: The number that was transferred; None if it is no number.
         overlapped: Whether the answer came after the next request to the node.
+        unfinished: Whether it was answered, and the host did not ask for the rest.
     """
 
     begin: float
@@ -135,6 +136,7 @@ class Transfer(NamedTuple):
     abort: int | None
     value: int | None
     overlapped: bool = False
+    unfinished: bool = False
 
     @property
     def good(self) -> bool:
@@ -153,7 +155,7 @@ class StrayAnswer(NamedTuple):
 
 @dataclass
 class Observed:
-    """What the frames of a trace show, as data.
+    """Observations in the frames of a trace, as data.
 
     Attributes:
         times: Times of all frames, s.
@@ -163,7 +165,7 @@ class Observed:
         foreign: Numbers of frames that somebody else sent with an identifier of the host, where
             the trace has who sent a frame.
         streams: When SYNC, heartbeats and PDOs came.
-        misfits: PDOs whose length is not that of their mapping.
+        misfits: PDOs with a length other than the length of their mapping.
         rhythms: Those of them that came regularly.
         sent_by: All frames of a node, by its number.
         changes: Values of the objects of which every change is reported, by node and object.
@@ -171,6 +173,7 @@ class Observed:
         commands: NMT commands.
         transfers: SDO transfers, in the order of their ends.
         strays: SDO answers to no request.
+        short_transfers: SDO frames that have not the 8 bytes of CiA 301, by node.
         emergencies: Emergency messages.
         error_frames: Error frames.
     """
@@ -195,5 +198,8 @@ class Observed:
     commands: list[Command] = field(default_factory=list)
     transfers: list[Transfer] = field(default_factory=list)
     strays: list[StrayAnswer] = field(default_factory=list)
+    short_transfers: defaultdict[int, Stream] = field(
+        default_factory=lambda: defaultdict(empty_stream)
+    )
     emergencies: list[EmergencyReport] = field(default_factory=list)
     error_frames: list[ErrorFrame] = field(default_factory=list)

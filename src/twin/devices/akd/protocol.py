@@ -10,6 +10,7 @@ import math
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
 from enum import Enum, IntFlag
 from functools import cache
 from typing import Any, NamedTuple
@@ -19,12 +20,14 @@ from twin.base.data_file import read_packaged
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""
 PDO_ENTRIES = 8
-PDOS = range(0x1400, 0x1C00)
+PDO_PARAMETER_INDICES = range(0x1400, 0x1C00)
 """Their parameters, and 200h above these their mappings."""
 Key = tuple[int, int]
 """Index and subindex."""
 TURN_RAD = 2 * math.pi
-RPM = TURN_RAD / 60
+AKD_VENDOR_ID = 0x6A
+"""Vendor of the AKD (1018h:1); it counts velocities in 0.001 rpm."""
+RPM_RAD_S = TURN_RAD / 60
 """One revolution per minute in rad/s."""
 
 
@@ -134,7 +137,7 @@ class StatusBit(IntFlag):
 
 
 class AxisRequest(Enum):
-    """What an axis is requested to reach."""
+    """Requested state of an axis."""
 
     DISABLE = "disable"
     ENABLE = "enable"
@@ -148,47 +151,51 @@ SWITCH_ON = 0x07
 ENABLE = 0x0F
 RESET = 0x80
 
-_WIDE = {
+_STATES_BY_MASK_4F = {
     0x00: DriveState.NOT_READY,
     0x40: DriveState.SWITCH_ON_DISABLED,
     0x08: DriveState.FAULT,
     0x0F: DriveState.FAULT_REACTION,
 }
-_NARROW = {
+_STATES_BY_MASK_6F = {
     0x21: DriveState.READY,
     0x23: DriveState.SWITCHED_ON,
     0x27: DriveState.OPERATION_ENABLED,
     0x07: DriveState.QUICK_STOP,
 }
 
-_UP = {
+_ENABLING_WORDS = {
     DriveState.SWITCH_ON_DISABLED: SHUTDOWN,
     DriveState.READY: SWITCH_ON,
     DriveState.SWITCHED_ON: ENABLE,
     DriveState.OPERATION_ENABLED: ENABLE,
 }
-_DOWN = {DriveState.OPERATION_ENABLED: SWITCH_ON, DriveState.SWITCHED_ON: SHUTDOWN}
-_QUICK = {DriveState.OPERATION_ENABLED: QUICK_STOP, DriveState.QUICK_STOP: QUICK_STOP}
-_TRANSITIONS = {
-    AxisRequest.ENABLE: _UP,
-    AxisRequest.DISABLE: _DOWN,
-    AxisRequest.QUICK_STOP: _QUICK,
+_DISABLING_WORDS = {DriveState.OPERATION_ENABLED: SWITCH_ON, DriveState.SWITCHED_ON: SHUTDOWN}
+_QUICK_STOP_WORDS = {DriveState.OPERATION_ENABLED: QUICK_STOP, DriveState.QUICK_STOP: QUICK_STOP}
+_CONTROL_WORDS = {
+    AxisRequest.ENABLE: _ENABLING_WORDS,
+    AxisRequest.DISABLE: _DISABLING_WORDS,
+    AxisRequest.QUICK_STOP: _QUICK_STOP_WORDS,
 }
 
 
 def state(status: int) -> DriveState:
     """The state that a status word means, any integer; masks 4Fh and 6Fh of CiA 402."""
-    return _WIDE.get(status & 0x4F) or _NARROW.get(status & 0x6F) or DriveState.UNKNOWN
+    return (
+        _STATES_BY_MASK_4F.get(status & 0x4F)
+        or _STATES_BY_MASK_6F.get(status & 0x6F)
+        or DriveState.UNKNOWN
+    )
 
 
-_HALT = 1 << 8
+_HALT_BIT = 1 << 8
 PROFILE_VELOCITY = 3
 
 
 TARGET_REACHED, MODE_BIT = 1 << 10, 1 << 12
-"""Bits of the status word: the target is reached; a bit whose meaning depends on the mode."""
-_PASSING = {PROFILE_VELOCITY: TARGET_REACHED | MODE_BIT}
-"""Bits of the status word that come and go with the motion, by mode; else `TARGET_REACHED`."""
+"""Bits of the status word: the target is reached; a bit with a meaning of its own in each mode."""
+_MOTION_BITS = {PROFILE_VELOCITY: TARGET_REACHED | MODE_BIT}
+"""Bits of the status word that change with the motion, by mode; else `TARGET_REACHED`."""
 
 
 def passing_bits(mode: int | None) -> int:
@@ -197,25 +204,25 @@ def passing_bits(mode: int | None) -> int:
     Args:
         mode: The mode of operation; None if it is not known.
     """
-    return _PASSING.get(mode or 0, TARGET_REACHED)
+    return _MOTION_BITS.get(mode or 0, TARGET_REACHED)
 
 
 def status_words(
     status: int, served: int = 0xFFFF, mode: int | None = None, seen: int = 0xFFFF
 ) -> str:
-    """A status word in words: the state, and what else it warns of.
+    """A status word in words: the state, and its warnings.
 
     Args:
         status: The word.
-        served: Bits that the drive serves; of the others it says nothing by leaving them 0.
+        served: Bits that the drive serves; a 0 in any other bit means nothing.
         mode: The mode of operation; None if it is not known.
-        seen: Bits that the drive has been seen to serve, of those whose meaning depends on the
-            mode.
+        seen: Bits that the drive has been seen to serve, among those with a meaning that depends
+            on the mode.
     """
     now = state(status)
     more = [
         words
-        for bit, given, words in table()["said"]
+        for bit, given, words in table()["status_word"]
         if bool(status & bit) is given and (given or served & bit)
     ]
     enabled = now is DriveState.OPERATION_ENABLED
@@ -228,7 +235,7 @@ def status_words(
 
 
 def error_words(code: int, *, akd: bool = True) -> str:
-    """What an error code (of an emergency, or in 603Fh) means; its class if no more is known.
+    """Meaning of an error code (of an emergency, or in 603Fh); its class if no more is known.
 
     Args:
         code: The code.
@@ -240,7 +247,7 @@ def error_words(code: int, *, akd: bool = True) -> str:
 
 
 def control_words(control: int, mode: int | None = None) -> str:
-    """What a control word asks for, in words.
+    """Request of a control word, in words.
 
     Args:
         control: The word.
@@ -250,7 +257,7 @@ def control_words(control: int, mode: int | None = None) -> str:
     if control & (RESET | ENABLE) != ENABLE:
         return str(asked)
     more = [words for bit, words in table()["control_bits"].get(f"{mode}", ()) if control & bit]
-    more += ["halt"] if control & _HALT else []
+    more += ["halt"] if control & _HALT_BIT else []
     return ", ".join((asked, *more))
 
 
@@ -260,7 +267,7 @@ def control_word(current: DriveState, request: AxisRequest) -> int:
     It never resets a fault: in both fault states, and wherever no transition leads on, it disables
     the voltage, which is also what comes before the rising edge of a reset.
     """
-    return _TRANSITIONS[request].get(current, DISABLE_VOLTAGE)
+    return _CONTROL_WORDS[request].get(current, DISABLE_VOLTAGE)
 
 
 NMT = 0x000
@@ -273,6 +280,10 @@ SDO_RESPONSE = 0x580
 SDO_REQUEST = 0x600
 HEARTBEAT = 0x700
 
+TIME, TIME_BYTES = 0x100, 6
+"""Identifier and length of the time of day."""
+LSS, LSS_BYTES = (0x7E5, 0x7E4), 8
+"""Identifiers of the layer setting services, of the host and of devices, and their length."""
 NODE_MASK = 0x7F
 """Mask of the node in an identifier; the rest is the service."""
 
@@ -283,16 +294,16 @@ OPERATIONAL = 5
 """NMT state in a heartbeat; 0 is a boot-up."""
 
 CONSUMER_HEARTBEAT = 0x1016
-"""Index of whose heartbeats a node watches, as `split_watch` reads it."""
+"""Index of the node whose heartbeat is monitored, as `split_watch` reads it."""
 
 
 def split_watch(value: int) -> tuple[int, int]:
-    """The node whose heartbeats are watched, and the silence in ms that is allowed."""
+    """The monitored node, and the longest allowed time in ms between its heartbeats."""
     return value >> 16 & 0x7F, value & 0xFFFF
 
 
 def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:
-    """What the PDOs of a drive carry, by the index of their parameters.
+    """Mapped objects of the PDOs of a drive, by the index of their parameters.
 
     Args:
         plate: The plate encoder's object.
@@ -304,21 +315,40 @@ def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:
     }
 
 
-_SDO = struct.Struct("<BHB4s")
+_SDO_FRAME = struct.Struct("<BHB4s")
 """An expedited SDO: command specifier, index, subindex, value."""
 
 _RPDO1 = struct.Struct("<Hi")
 TPDOS = {TPDO1: struct.Struct("<Hbi"), TPDO2: struct.Struct("<ii")}
 """Status word, mode display and motor position; motor velocity and plate encoder."""
-_CODE = struct.Struct("<H")
+_ERROR_CODE = struct.Struct("<H")
 _SDO_READ, _SDO_WRITE, _SDO_ANSWER, _SDO_WRITTEN, _SDO_ABORT = 0x40, 0x23, 0x43, 0x60, 0x80
-_UNUSED = 0x0C
+_SDO_UNUSED_BYTES_MASK = 0x0C
 """Bits of the command specifier that count the bytes which are not part of the value."""
 
 
 def nmt_words(state: int) -> str:
     """The NMT state in a heartbeat in words."""
     return str(table()["nmt_states"].get(f"{state}", f"in state {state}"))
+
+
+_DAYS_SINCE = date(1984, 1, 1)
+"""First day of the time of day of CiA 301."""
+
+
+def time_words(data: bytes) -> str:
+    """The time of day in a TIME message (CiA 301: ms after midnight, days since 1984) in words."""
+    milliseconds = int.from_bytes(data[:4], "little") & 0xFFF_FFFF
+    day = datetime.combine(_DAYS_SINCE, time()) + timedelta(
+        days=int.from_bytes(data[4:6], "little"), milliseconds=milliseconds
+    )
+    return f"the time is {day:%Y-%m-%d %H:%M:%S}.{day.microsecond // 1000:03d}"
+
+
+def lss_words(data: bytes) -> str:
+    """A message of the layer setting services (CiA 305) in words."""
+    words = table()["lss"].get(f"{data[0]}", f"command {data[0]:02X}h")
+    return str(words).format(first=data[1], number=int.from_bytes(data[1:5], "little"))
 
 
 def fault_words(numbers: Iterable[int]) -> str:
@@ -340,7 +370,7 @@ class Emergency(NamedTuple):
         return self.in_words(akd=True)
 
     def in_words(self, *, akd: bool) -> str:
-        """Code, name and what the device adds as text.
+        """Code, name and what the device adds: of an AKD as text, else its bytes.
 
         Args:
             akd: Whether it is an AKD's.
@@ -349,8 +379,8 @@ class Emergency(NamedTuple):
             return "no code"
         name = error_words(self.code, akd=akd)
         rest = self.extra.rstrip(b"\0")
-        number = rest.decode("ascii") if rest.isascii() else ""
-        parts = [f"{self.code:04X}h", name, number if number.isprintable() else rest.hex(" ")]
+        text = rest.decode("ascii") if akd and rest.isascii() else "\n"
+        parts = [f"{self.code:04X}h", name, text if text.isprintable() else rest.hex(" ")]
         return " ".join(part for part in parts if part)
 
 
@@ -380,23 +410,23 @@ def encode_rpdo1(control: int, velocity: int) -> bytes:
 
 def encode_sdo_read(index: int, sub: int) -> bytes:
     """The request to read an object."""
-    return _SDO.pack(_SDO_READ, index, sub, b"")
+    return _SDO_FRAME.pack(_SDO_READ, index, sub, b"")
 
 
 def encode_sdo_write(index: int, sub: int, data: bytes) -> bytes:
     """The request to write an object of one to four bytes."""
-    return _SDO.pack(_SDO_WRITE | (4 - len(data)) << 2, index, sub, data)
+    return _SDO_FRAME.pack(_SDO_WRITE | (4 - len(data)) << 2, index, sub, data)
 
 
 def decode_sdo(data: bytes) -> SdoAnswer | None:
     """The answer to a request; None if it is no abort, and nothing that fits into one frame."""
-    if len(data) != _SDO.size:
+    if len(data) != _SDO_FRAME.size:
         return None
-    command, index, sub, value = _SDO.unpack(data)
+    command, index, sub, value = _SDO_FRAME.unpack(data)
     if command in {_SDO_WRITTEN, _SDO_ABORT}:
         value = b"" if command == _SDO_WRITTEN else value
         return SdoAnswer((index, sub), value, aborted=command == _SDO_ABORT)
-    if command & ~_UNUSED != _SDO_ANSWER:
+    if command & ~_SDO_UNUSED_BYTES_MASK != _SDO_ANSWER:
         return None
     return SdoAnswer((index, sub), value[: 4 - (command >> 2 & 3)], aborted=False)
 
@@ -427,7 +457,7 @@ def decode_tpdo(service: int, data: bytes) -> tuple[int, ...] | None:
 
 def decode_emergency(data: bytes) -> Emergency:
     """An emergency message of any length."""
-    code = _CODE.unpack_from(data)[0] if len(data) >= 2 else None
+    code = _ERROR_CODE.unpack_from(data)[0] if len(data) >= 2 else None
     return Emergency(code, bytes(data[3:8]), len(data) < 8)
 
 

@@ -16,14 +16,14 @@ import can
 
 from twin.devices.akd import TRACE_FILE
 from twin.devices.akd.trace_files.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
-from twin.devices.akd.traces import SEAL, part_of, parts
+from twin.devices.akd.traces import SEAL_FILE, part_of, parts
 
 Hear = Callable[[can.Message], None]
-"""Is given every frame, with its time in s and whether it was received; must not wait."""
+"""Called with every frame, its time in s and whether it was received; must not wait."""
 
 
 class TracedBus(can.BusABC):
-    """A bus whose frames, sent and received, are also handed to somebody.
+    """A bus that also hands every frame, sent or received, to a function.
 
     Args:
         bus: The open bus.
@@ -46,7 +46,7 @@ class TracedBus(can.BusABC):
         self._hear(msg)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame; one that carries the time of another clock is given this one's."""
+        """The next frame; a time of a different clock is replaced by the time of this one."""
         message = self._bus.recv(timeout)
         if message is not None and message.is_rx:
             now = self._clock()
@@ -61,10 +61,10 @@ class TracedBus(can.BusABC):
         self._bus.shutdown()
 
 
-_SENT = 1 << 32
+_SENT_FLAG = 1 << 32
 """Flag of a frame that was sent, above those of SocketCAN."""
 
-COLUMNS = ("time", "identifier", "length", "low", "high")
+FRAME_COLUMNS = ("time", "identifier", "length", "low", "high")
 """The numbers that ``to_row`` returns."""
 
 
@@ -74,7 +74,7 @@ def to_row(message: can.Message) -> tuple[float, float, float, float, float]:
     mark |= message.is_remote_frame * REMOTE_FLAG | message.is_error_frame * ERROR_FLAG
     data = message.data[:8]
     halves = int.from_bytes(data[:4], "little"), int.from_bytes(data[4:], "little")
-    return (message.timestamp, mark | (not message.is_rx) * _SENT, message.dlc, *halves)
+    return (message.timestamp, mark | (not message.is_rx) * _SENT_FLAG, message.dlc, *halves)
 
 
 def from_row(time: float, mark: float, length: float, low: float, high: float) -> can.Message:
@@ -87,7 +87,7 @@ def from_row(time: float, mark: float, length: float, low: float, high: float) -
         is_extended_id=bool(flags & EXTENDED_FLAG),
         is_remote_frame=bool(flags & REMOTE_FLAG),
         is_error_frame=bool(flags & ERROR_FLAG),
-        is_rx=not flags & _SENT,
+        is_rx=not flags & _SENT_FLAG,
         dlc=int(length),
         data=None if flags & REMOTE_FLAG else data[: int(length)],
     )
@@ -108,7 +108,7 @@ class TraceWriter:
         for old in parts(file):
             old.unlink()
         if file.name == TRACE_FILE:
-            file.with_name(SEAL).unlink(missing_ok=True)
+            file.with_name(SEAL_FILE).unlink(missing_ok=True)
         file.parent.mkdir(parents=True, exist_ok=True)
         self._logger = can.Logger(file, channel=channel)
 
@@ -140,6 +140,6 @@ class TraceWriter:
 def append_trace(
     _: Sequence[str], file: Path, part: int | None
 ) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Write a trace; what is given ``COLUMNS``, shape (K,) each, appends their frames."""
+    """Write a trace; what is given ``FRAME_COLUMNS``, shape (K,) each, appends their frames."""
     with closing(TraceWriter(file, "can0", part)) as writer:
         yield lambda block: writer.write(map(from_row, *(each.tolist() for each in block.values())))

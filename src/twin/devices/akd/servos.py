@@ -21,10 +21,10 @@ from twin.devices.akd.protocol import AxisRequest, DriveState, abort_words
 from twin.devices.common import FaultReports
 from twin.hal.interface import Fault
 
-_MONITORING = (0x1016, 1)
+_MONITORED_HEARTBEAT = (0x1016, 1)
 _FAULT_NUMBER = (0x2001, 1)
 _STO_FAULT = 602
-_DOWN = (c.DRIVE_FAULT, c.DRIVE_DISABLED, c.RESET_REFUSED)
+_FAULT_CONDITIONS = (c.DRIVE_FAULT, c.DRIVE_DISABLED, c.RESET_REFUSED)
 """Conditions after which a drive's fault number is read."""
 
 
@@ -52,7 +52,7 @@ class SdoPolling:
     def next_frame(self, at: float) -> tuple[int, bytes] | None:
         """The frame to send at a time in s, identifier and data, if any."""
         for node, where in self._where.items():
-            down = any(self._reports.latched(each, where) for each in _DOWN)
+            down = any(self._reports.latched(each, where) for each in _FAULT_CONDITIONS)
             if down and node not in self._number_read:
                 self._number_read.add(node)
                 self._queue.append((node, *_FAULT_NUMBER))
@@ -64,7 +64,7 @@ class SdoPolling:
         if idle and at - self._polled > self._config.watch.enquiry:
             self._polled = at
             self._turn = 1 - self._turn
-            self._queue.append((self._config.axes[self._turn].node, *_MONITORING))
+            self._queue.append((self._config.axes[self._turn].node, *_MONITORED_HEARTBEAT))
         if self._pending is not None or not self._queue:
             return None
         self._pending, self._sent = self._queue.popleft(), at
@@ -98,9 +98,9 @@ def _reading(index: int, sub: int) -> str:
     return f"reading {index:04X}h:{sub}"
 
 
-_STANDSTILL = 0.05
+_MAX_STANDSTILL_RATE_RAD_S = 0.05
 """Motor rate in rad/s that counts as standstill."""
-SHUTDOWN = 0.4
+SHUTDOWN_STEP_LIMIT_S = 0.4
 """Longest time in s for each step of the shutdown."""
 
 
@@ -185,13 +185,13 @@ class AkdServos:
     def stop(self) -> None:
         """Target zero, quick stop, disable, and only then no more SYNC; close the bus.
 
-        A drive that is not seen to be without torque goes on watching the host, whose heartbeat
+        A drive that was not seen to be without torque still monitors the host's heartbeat, which
         ends here: it stops itself. Blocks for about a second at most; idempotent; never raises.
         """
         transport, axes, period = self._transport, self.axes, self.config.period
         if transport is None:
             return
-        cycles = round(SHUTDOWN / period)
+        cycles = round(SHUTDOWN_STEP_LIMIT_S / period)
 
         def run_until(done: Callable[[], bool], most: int = cycles) -> None:
             for _ in range(most):
@@ -203,7 +203,7 @@ class AkdServos:
 
         for axis in axes:
             axis.target = 0.0
-        run_until(lambda: all(abs(axis.rate) < _STANDSTILL for axis in axes))
+        run_until(lambda: all(abs(axis.rate) < _MAX_STANDSTILL_RATE_RAD_S for axis in axes))
         self.quick_stop()
         run_until(lambda: all(axis.request is not AxisRequest.QUICK_STOP for axis in axes))
         run_until(lambda: all(axis.state is DriveState.SWITCH_ON_DISABLED for axis in axes), 5)

@@ -18,15 +18,15 @@ from twin.base.writing import write_whole
 from twin.devices.akd import TRACE_FILE
 from twin.devices.akd.trace_files import Notes, TracedFrame, read_frames
 
-PART = 20_000_000
+PART_BYTES = 20_000_000
 """Bytes of a part of a bounded trace: about two minutes of two drives at 500 Hz."""
-SEAL = "trace.sha256"
-"""Checksums of the parts of a run's trace, beside them."""
-_SEALED = re.compile(r"([0-9a-f]{64})  (trace(?:-[12])?\.log)")
+SEAL_FILE = "trace.sha256"
+"""File with the checksums of the parts of a run's trace, in the same folder."""
+_SEAL_LINE = re.compile(r"([0-9a-f]{64})  (trace(?:-[12])?\.log)")
 """A line of these."""
-WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
+WRITTEN_SUFFIXES = (".asc", ".blf", ".csv", ".log", ".trc")
 """Endings of traces that are written; each but .blf, packed already, may be followed by .gz."""
-_DISORDER = 0.01
+_MAX_DISORDER_S = 0.01
 """Time in s by which frames of two clocks may lie in a wrong order."""
 _CLOCK_STEPS = 3
 """How often a clock may be set back in a trace; more often its times are unreliable."""
@@ -43,8 +43,8 @@ def check_ending(file: Path) -> None:
     Raises:
         LogError: If its ending is none that is known.
     """
-    if _format(file) not in WRITTEN or file.name.endswith(".blf.gz"):
-        endings = ", ".join(WRITTEN)
+    if _format(file) not in WRITTEN_SUFFIXES or file.name.endswith(".blf.gz"):
+        endings = ", ".join(WRITTEN_SUFFIXES)
         raise LogError(
             f"--trace {file}: its ending must be one of {endings}, all but .blf also with .gz"
         )
@@ -64,21 +64,21 @@ def parts(file: Path) -> list[Path]:
 def seal(file: Path) -> None:
     """Write the SHA-256 of each part of a finished trace, in the form of ``sha256sum``."""
     lines = [f"{_sha256(each)}  {each.name}\n" for each in parts(file)]
-    write_whole(file.with_name(SEAL), "".join(lines))
+    write_whole(file.with_name(SEAL_FILE), "".join(lines))
 
 
-def altered(file: Path) -> list[str]:
+def find_altered_parts(file: Path) -> list[str]:
     """A line for each part of a run's trace that is not what ``seal`` found; none without it."""
     if file.name != TRACE_FILE:
         return []
     try:
-        lines = file.with_name(SEAL).read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = file.with_name(SEAL_FILE).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return []
     found = {each.name: each for each in parts(file)}
-    known = [match.groups() for line in lines if (match := _SEALED.fullmatch(line))]
+    known = [match.groups() for line in lines if (match := _SEAL_LINE.fullmatch(line))]
     if not known or len(known) < len(lines):
-        return [f"{SEAL}: is damaged: whether the trace is whole is not known"]
+        return [f"{SEAL_FILE}: is damaged: whether the trace is whole is not known"]
     remarks = []
     for mark, name in known:
         part = found.pop(name, None)
@@ -122,7 +122,7 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     Raises:
         LogError: If nothing in it can be read.
     """
-    remarks = altered(path)
+    remarks = find_altered_parts(path)
     frames: list[TracedFrame] = []
     files = parts(path)
     if not files:
@@ -138,8 +138,9 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         timed &= notes.timed
     if not frames:
         empty = not any(file.stat().st_size for file in files)
-        why = f": {'; '.join(remarks) or ('it is empty' if empty else 'it has none')}"
-        raise LogError(f"{path}: no frame can be read{why}")
+        told = "; ".join(each.removeprefix(f"{path.name}: ") for each in remarks)
+        why = told or ("it is empty" if empty else "it has none")
+        raise LogError(f"{path}: no frame can be read: {why}")
     counts = Counter(_name(each) for each in frames)
     chosen = channel or counts.most_common(1)[0][0]
     if chosen not in counts:
@@ -167,12 +168,12 @@ def _set_in_order(frames: list[TracedFrame], remarks: list[str], *, alone: bool)
         alone: Whether all are of one file, so that their order means something.
     """
     times = [each.timestamp for each in frames]
-    steps = [k for k in range(1, len(times)) if times[k - 1] - times[k] > _DISORDER]
+    steps = [k for k in range(1, len(times)) if times[k - 1] - times[k] > _MAX_DISORDER_S]
     spans = [
         (min(times[a:b]), max(times[a:b])) for a, b in pairwise((0, *steps, len(times))) if b > a
     ]
     spans.sort()
-    apart = all(before[1] <= after[0] + _DISORDER for before, after in pairwise(spans))
+    apart = all(before[1] <= after[0] + _MAX_DISORDER_S for before, after in pairwise(spans))
     if not steps or apart or not alone:
         if steps and alone:
             back = max(times[k - 1] - times[k] for k in steps)

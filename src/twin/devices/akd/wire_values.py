@@ -18,7 +18,7 @@ PROFILE, VENDOR = (0x1000, 0), (0x1018, 1)
 BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
 """Classes of error frames, as SocketCAN has them."""
 _ECHO_S = 0.02
-"""Time in s within which an adapter hands back what it sent."""
+"""Time in s within which an adapter hands back a frame that it sent."""
 _ECHO_SHARE = 0.5
 """Share of the frames that it sent which an adapter hands back, if it does."""
 
@@ -95,7 +95,7 @@ def find_identities(heard: Iterable[BusFrame]) -> tuple[set[int], dict[tuple[int
 def list_foreign(heard: Sequence[BusFrame]) -> tuple[list[int], set[int]]:
     """Numbers of frames that were received with an identifier that the host sends.
 
-    First those of another sender, then those of an adapter that hands back all that it sent.
+    First frames of a second sender, then frames that an adapter sent and handed back.
     """
     sent = {(each.arbitration_id, each.is_extended_id) for each in heard if not each.is_rx}
     newest = dict[tuple[int, bytes], float]()

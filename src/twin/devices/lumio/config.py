@@ -26,7 +26,13 @@ from controllers.arrays import Array
 from twin.base.data_file import parse_json
 from twin.base.errors import ScenarioError, TwinError
 from twin.devices.common import Ranged, claim, in_words, net, range_field
-from twin.devices.lumio.protocols import STREAMS, Decoder, DescriptorError, HidDecoder, TouchLayout
+from twin.devices.lumio.protocols import (
+    STREAM_DECODERS,
+    Decoder,
+    DescriptorError,
+    HidDecoder,
+    TouchLayout,
+)
 from twin.hal.interface import SCREEN_SIZE_M
 
 VENDOR_ID = 0x202E
@@ -102,7 +108,7 @@ class Transport(ABC):
             raise self._in_words(error) from error
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived, or nothing after a timeout in s.
+        """Bytes that have arrived, or none after a timeout in s.
 
         Raises:
             ScreenError: The port is lost.
@@ -196,7 +202,7 @@ class HidrawDevice(Transport):
         return handle
 
 
-TRANSPORTS: dict[str, type[Transport]] = {"serial": SerialPort, "hidraw": HidrawDevice}
+PORT_CLASSES: dict[str, type[Transport]] = {"serial": SerialPort, "hidraw": HidrawDevice}
 """Every kind of port by the name a rig file gives it."""
 
 
@@ -479,7 +485,7 @@ class LumioConfig(Ranged):
     def __post_init__(self) -> None:
         """Refuse what does not exist."""
         super().__post_init__()
-        known = "auto", *STREAMS, *HID_PANELS
+        known = "auto", *STREAM_DECODERS, *HID_PANELS
         if self.protocol not in known:
             raise ScenarioError(
                 f"touch.protocol: must be one of {', '.join(known)}, got {self.protocol}"

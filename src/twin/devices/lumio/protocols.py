@@ -1,6 +1,6 @@
 """Touch reports out of bytes: the protocols of a serial line, and the reports of a USB panel.
 
-A panel is read by what its own report descriptor says, after Device Class Definition for HID 1.11,
+A panel is read after its own report descriptor, following Device Class Definition for HID 1.11,
 section 6.2.2, and as the Linux kernel reads it where devices and definition differ. Written here
 because the libraries that read descriptors leave out units, from which the size of a panel follows,
 or have a licence that does not go with this one.
@@ -47,13 +47,13 @@ class Report(tuple[Contact, ...]):
 
 @dataclass(slots=True)
 class DecoderStats:
-    """What a decoder has met so far.
+    """Counts of the bytes and packets that a decoder has met so far.
 
     Attributes:
         bytes: Bytes fed.
         reports: Packets with contacts.
         skipped: Bytes that belong to no packet, from the first packet on.
-        checksum: Packets whose checksum is wrong.
+        checksum: Packets with a wrong checksum.
         outside: Packets refused for a coordinate beyond the protocol's range.
     """
 
@@ -68,7 +68,7 @@ class Decoder(ABC):
     """Reports out of bytes; never raises, whatever the bytes."""
 
     name: ClassVar[str]
-    """What a rig file calls the protocol."""
+    """Name of the protocol in a rig file."""
     patience: ClassVar[float] = 0.05
     """Seconds of silence after which half a packet will not be completed any more."""
 
@@ -89,8 +89,8 @@ class Decoder(ABC):
 class StreamDecoder(Decoder):
     """Reports out of a stream of bytes in any portions.
 
-    A subclass says what a packet looks like. Bytes that start none are skipped one by one, so the
-    stream is understood again at the next whole packet.
+    A subclass defines the form of a packet. Bytes that start none are skipped one by one, so
+    decoding resumes at the next whole packet.
     """
 
     size: ClassVar[int]
@@ -193,7 +193,7 @@ class EloDecoder(StreamDecoder):
         return Report((Contact(x / _SMARTSET_TOP, y / _SMARTSET_TOP, down),))
 
 
-STREAMS: dict[str, type[StreamDecoder]] = {
+STREAM_DECODERS: dict[str, type[StreamDecoder]] = {
     decoder.name: decoder for decoder in (MicroTouchDecoder, EloDecoder)
 }
 """The protocols of a serial line by the names a rig file gives them; listening tells them apart."""
@@ -203,7 +203,7 @@ class Detector:
     """Feeds the decoders of all serial protocols until one of them understands the stream.
 
     A protocol is taken when it has given several reports and these account for nearly all bytes of
-    a stream long enough: a few packets of one can look like several of another.
+    a stream long enough: a few packets of one protocol can look like several of a different one.
     After ``WINDOW`` bytes without a decision it starts afresh.
     """
 
@@ -220,10 +220,10 @@ class Detector:
 
     def restart(self) -> None:
         """Listen afresh."""
-        self._decoders = [decoder() for decoder in STREAMS.values()]
+        self._decoders = [decoder() for decoder in STREAM_DECODERS.values()]
 
     def feed(self, data: bytes) -> tuple[StreamDecoder, list[Report]] | None:
-        """The decoder of the protocol and what it makes of these bytes, once it is known."""
+        """The decoder and the reports of these bytes; None until the protocol is known."""
         for decoder in self._decoders:
             reports, stats = decoder.feed(data), decoder.stats
             enough = stats.bytes >= self.LEAST and stats.reports >= self.REPORTS
@@ -248,13 +248,13 @@ _CONSTANT, _VARIABLE = 1 << 0, 1 << 1
 _PAGE, _LOW, _HIGH, _PHYSICAL_LOW, _PHYSICAL_HIGH = range(5)
 _EXPONENT, _UNIT, _SIZE, _REPORT, _REPEAT = range(5, 10)
 _PUSH, _POP = 0xA, 0xB
-_USAGE = 0x0
-_METRES = {0x11: 0.01, 0x13: 0.0254}
+_USAGE_ITEM = 0x0
+_LENGTH_UNITS_M = {0x11: 0.01, 0x13: 0.0254}
 """Units of length, centimetre and inch, in m."""
-_SECONDS = {0x1001, 0x1003}
+_TIME_UNITS = {0x1001, 0x1003}
 """Units of time."""
 _SCAN_TICK = 1e-4
-"""What one count of a scan time stands for, s, where the descriptor gives no unit of time."""
+"""Time in s of one count of a scan time where the descriptor gives no unit of time."""
 
 
 class DescriptorError(TwinError, ValueError):
@@ -265,7 +265,7 @@ class ReportField(NamedTuple):
     """A number in an input report.
 
     Attributes:
-        usage: What it means: page << 16 | identifier.
+        usage: Meaning of the field: page << 16 | identifier.
         offset: Its first bit, counted from the beginning of the report after its number.
         bits: Its length.
         low: Smallest value.
@@ -315,7 +315,7 @@ def parse(data: bytes) -> dict[int, tuple[int, list[ReportField]]]:
             # 25 FF after a smallest value of 0 means 255 and not -1
             of_range = tag in {_HIGH, _PHYSICAL_HIGH} and now[tag - 1] < 0
             now[tag] = signed if of_range or tag in {_LOW, _PHYSICAL_LOW} else value
-        elif kind == _LOCAL and tag == _USAGE:
+        elif kind == _LOCAL and tag == _USAGE_ITEM:
             usages.append(value)
         elif kind == _MAIN:
             # a usage of four bytes brings its page along
@@ -357,8 +357,8 @@ def _fields(begin: int, end: int, usages: list[int], now: dict[int, int]) -> Ite
     low, high = now[_LOW], now[_HIGH]
     span = now[_PHYSICAL_HIGH] - now[_PHYSICAL_LOW] or high - low
     exponent = (now[_EXPONENT] & 0xF ^ 8) - 8  # half a byte with a sign
-    length = span * _METRES.get(now[_UNIT], 0.0) * 10.0**exponent
-    duration = span * 10.0**exponent if now[_UNIT] in _SECONDS else 0.0
+    length = span * _LENGTH_UNITS_M.get(now[_UNIT], 0.0) * 10.0**exponent
+    duration = span * 10.0**exponent if now[_UNIT] in _TIME_UNITS else 0.0
     for index, at in enumerate(range(begin, end, now[_SIZE] or MAX_REPORT_BITS)):
         for usage in usages[: index + 1][-1:]:
             yield ReportField(usage, at, now[_SIZE], low, high, length, duration)
@@ -431,8 +431,8 @@ class TouchLayout:
 class HidDecoder(Decoder):
     """Decoder of the reports of one panel, one or more whole ones at a time.
 
-    A contact touches if its tip switch says so. Whether it is in range and whether the panel is
-    confident that it is a finger is not asked: the ball is none. Padding may be anything, and so
+    A contact touches if its tip switch is set. The bits "in range" and "confidence" (that it is a
+    finger) are ignored: the ball is no finger. Padding may be anything, and so
     may places beyond the number of contacts. Identifiers are taken as they are: panels declare a
     range for them that they do not keep.
 
@@ -454,7 +454,7 @@ class HidDecoder(Decoder):
         for at in range(0, len(data), layout.size):
             report = data[at : at + layout.size]
             if layout.report and report[0] != layout.report:
-                break  # of another part of the same interface, of whatever length
+                break  # a report of a different part of the same interface, of any length
             if len(report) < layout.size:
                 self.stats.skipped += len(report)
                 break
@@ -466,7 +466,7 @@ class HidDecoder(Decoder):
         return reports
 
     def reset(self) -> None:
-        """Forget what a first report said of a second."""
+        """Forget that a first report announced further ones."""
         self._left = 0
 
     def _contacts(self, report: int) -> Report | None:
@@ -497,7 +497,7 @@ class HidDecoder(Decoder):
     def _used(self, report: int) -> tuple[ContactFields, ...]:
         """The places that hold a contact.
 
-        Where there are more contacts than places, the rest follow in reports whose count is 0.
+        Where there are more contacts than places, the rest follow in reports with count 0.
         """
         places = self.layout.contacts
         if self.layout.count is not None:
@@ -511,8 +511,8 @@ class HidDecoder(Decoder):
 
 def decoder_of(protocol: str) -> Decoder:
     """A decoder of a protocol, by the name a rig file gives it."""
-    if protocol in STREAMS:
-        return STREAMS[protocol]()
+    if protocol in STREAM_DECODERS:
+        return STREAM_DECODERS[protocol]()
     known = read_packaged("twin.devices.lumio", "panels.toml")["descriptors"][protocol]
     layout = TouchLayout.of(bytes.fromhex(known))
     assert layout is not None

@@ -2,8 +2,8 @@
 
 A digitizer may say when it scanned the contacts of a report (HID Usage Tables, page 0Dh, usage
 56h): a counter of 100 us that wraps, 16 bits as a rule, and begins anywhere, also anew after a
-pause. A panel whose counter stands still from the start, or counts in another unit than it says, is
-no clock: its times are not used.
+pause. A panel with a counter that stands still from the start, or that counts in a unit other than
+the stated one, is no clock: its times are not used.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class ScanTime(NamedTuple):
 
 
 class ScanClock:
-    """Compares the scan times of reports with one another and with their arrival.
+    """Compares the scan times of reports with each other and with their arrival.
 
     After a pause it knows nothing of what was before.
 

@@ -20,7 +20,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.lumio import conditions as c
 from twin.devices.lumio.config import (
-    TRANSPORTS,
+    PORT_CLASSES,
     Calibration,
     LumioConfig,
     PlausibilityLimits,
@@ -41,7 +41,7 @@ from twin.hal.interface import Condition, Fault, Touch
 
 
 class TouchState(StrEnum):
-    """What is known of the ball.
+    """State of the detection of the ball.
 
     TOUCHING: reported a moment ago. LIFTED: a lift-off was reported. STALE: reports have ceased
     without a lift-off. LOST: for too long either way, or never seen.
@@ -87,7 +87,7 @@ class Tracker:
     """
 
     WINDOW = 0.05
-    """Seconds over which the speed of a ball is judged."""
+    """Time in s over which the speed of a ball is measured."""
 
     def __init__(
         self, limits: PlausibilityLimits, calibration: Calibration, report_fault: ReportFault
@@ -109,7 +109,7 @@ class Tracker:
         self._frozen = False
 
     def state(self, time: float) -> TouchState:
-        """What is known of the ball at a time."""
+        """Knowledge of the ball at a time."""
         return self._known(self.sample, time)
 
     def _known(self, sample: Sample | None, time: float) -> TouchState:
@@ -270,7 +270,7 @@ class Tracker:
         self._path.append((time, point))
 
     def _reaches(self, time: float, here: Place, there: Place) -> bool:
-        """Whether a ball can get from one place to another within a time in s."""
+        """Whether a ball can get from ``here`` to ``there`` within a time in s."""
         return math.dist(here, there) <= self._limits.slack + self._limits.speed * time
 
 
@@ -335,7 +335,7 @@ class TouchStream:
 
     @property
     def stats(self) -> DecoderStats:
-        """What the decoder has met so far."""
+        """Counts of the decoder so far."""
         return self.decoder.stats if self.decoder else DecoderStats()
 
     def report_fault(self, condition: Condition, detail: str) -> None:
@@ -343,7 +343,7 @@ class TouchStream:
         self._faults.append(Fault(condition, SCREEN_PLACE, detail))
 
     def faults(self) -> list[Fault]:
-        """What has been detected since the last call, oldest first; any thread may ask."""
+        """Faults detected since the last call, oldest first; any thread may ask."""
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
     def begin(self, decoder: Decoder | None) -> None:
@@ -391,8 +391,8 @@ class TouchStream:
         reports = self.decoder.feed(data) if self.decoder else []
         found = self._detector.feed(data) if self._detector else None
         if found:
-            # Only bytes recognised end the listening: reports of the decoder set prove nothing, as
-            # bytes of one protocol can look like now and then a packet of another.
+            # Only recognised bytes end the listening: reports of the configured decoder prove
+            # nothing, as bytes of a different protocol sometimes look like one of its packets.
             decoder, heard = found
             if self.decoder is None:
                 self.decoder, reports = decoder, heard
@@ -404,7 +404,7 @@ class TouchStream:
         return reports
 
     def _recognise(self, time: float) -> None:
-        """Report bytes that are of another protocol than the one set, or of none that is known."""
+        """Report bytes of a protocol other than the configured one, or of no known protocol."""
         self._deaf = time if self._deaf is None else self._deaf
         protocol = self._config.protocol
         if self.looks_like:
@@ -453,7 +453,7 @@ class LumioScreen:
     Args:
         config: Port, protocol, calibration, limits.
         now: Clock in s.
-        port: What to read from; that of the configuration by default.
+        port: Port to read from; by default the one of the configuration.
     """
 
     where = "touch screen"
@@ -472,7 +472,7 @@ class LumioScreen:
         self.connected = False
         """Whether the port is open."""
         self._now = now
-        self._port = port or TRANSPORTS[config.transport](config.port, config.baud)
+        self._port = port or PORT_CLASSES[config.transport](config.port, config.baud)
         self.stream = TouchStream(config)
         """What is made of the bytes, and counted."""
         self._thread: threading.Thread | None = None
@@ -503,7 +503,7 @@ class LumioScreen:
         self._thread.start()
 
     def _begin(self) -> None:
-        """Open the port, take over what it says of itself, and know nothing of what was before."""
+        """Open the port, take over its description of itself, and forget all earlier data."""
         self.stream = TouchStream(self.config)
         self._port.open()
         try:
@@ -546,14 +546,14 @@ class LumioScreen:
         self.stream.tracker.note_tilt(self._now(), tilt)
 
     def faults(self) -> tuple[Fault, ...]:
-        """What has been detected since the last call, oldest first; ask once per period."""
+        """Faults detected since the last call, oldest first; ask once per period."""
         if self._watching:
             self.stream.tracker.watch(self._now())
         return tuple(self.stream.faults())
 
     @property
     def state(self) -> TouchState:
-        """What is known of the ball now."""
+        """Knowledge of the ball now."""
         return self.stream.tracker.state(self._now())
 
     @property
@@ -563,7 +563,7 @@ class LumioScreen:
 
     @property
     def hint(self) -> str:
-        """What to change if there is no position; empty if nothing is known."""
+        """Advice on missing positions; empty if nothing is known."""
         if self.stream.looks_like:
             return f"the bytes look like {self.stream.looks_like}: set touch.protocol to that"
         if not self.stream.heard:
@@ -572,7 +572,7 @@ class LumioScreen:
         return "" if self.stream.stats.reports else unknown
 
     def _listen(self) -> None:
-        """Read until stopped; a port that has gone is left alone."""
+        """Read until stopped; a port that was lost is left alone."""
         while not self._stop.is_set():
             if self.listen() > self.stream.MOST:
                 self._stop.wait(self.REST)

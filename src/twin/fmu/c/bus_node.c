@@ -11,13 +11,12 @@
 
 #include "drive.h"
 #include "fmi3.h"
+#include "variables.h"
 
 enum Phase { MADE, BEGINNING, EVENTS, STEPPING, ENDED };
 enum { RX_DATA = VARIABLES, TX_DATA, RX_CLOCK, TX_CLOCK };
 
 static const double MAX_STEP_S = 0.001; /* of the drive, within a communication step */
-
-extern const Kind KINDS[VARIABLES];
 
 typedef struct {
     uint64_t kind; /* which FMU wrote it; a state of another is refused */

@@ -177,7 +177,7 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real length, fm
 EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
     if (kind != fmi2LastSuccessfulTime)
         return refused(c, "a pending status");
-    *value = ((Component *)c)->it.state.rig.v[TIME];
+    *value = ((Component *)c)->it.state.model.v[TIME];
     return fmi2OK;
 }
 

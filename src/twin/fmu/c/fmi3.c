@@ -73,7 +73,7 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float6
     (void)forward;
     *event = *terminate = *early = false;
     int done = instance_step(&own->it, time, length);
-    *last = own->it.state.rig.v[TIME];
+    *last = own->it.state.model.v[TIME];
     return told(instance, done);
 }
 

@@ -16,7 +16,7 @@ int instance_refuse(Instance *it, const char *what) {
 
 void instance_reset(Instance *it) {
     memset(it, 0, sizeof *it);
-    rig_reset(&it->state.rig, 0);
+    model_reset(&it->state.model, 0);
 }
 
 /* Whether there is a variable of this type. */
@@ -33,8 +33,8 @@ int instance_get(Instance *it, int type, unsigned variable, double *value) {
     if (!known(it, type, variable))
         return 0;
     if (it->state.phase == BEGINNING) /* what is measured follows from what has been set */
-        why = rig_begin(&it->state.rig);
-    *value = it->state.rig.v[variable];
+        why = model_begin(&it->state.model);
+    *value = it->state.model.v[variable];
     return why ? fail(it, "begin:", why) : 1;
 }
 
@@ -46,14 +46,14 @@ int instance_set(Instance *it, int type, unsigned variable, double value) {
         return fail(it, kind->name, "cannot be set");
     if (kind->set == AT_START && it->state.phase > BEGINNING)
         return fail(it, kind->name, "can be set before the first step only");
-    const char *why = rig_set(&it->state.rig, variable, value);
+    const char *why = model_set(&it->state.model, variable, value);
     return why ? fail(it, kind->name, why) : 1;
 }
 
 int instance_enter(Instance *it, double start) {
     if (it->state.phase != MADE)
         return fail(it, "initialization mode", "is entered once, after instantiation or reset");
-    it->state.rig.start = start;
+    it->state.model.start = start;
     it->state.phase = BEGINNING;
     return 1;
 }
@@ -61,7 +61,7 @@ int instance_enter(Instance *it, double start) {
 int instance_exit(Instance *it) {
     if (it->state.phase != BEGINNING)
         return fail(it, "initialization mode", "has to be entered before");
-    const char *why = rig_begin(&it->state.rig);
+    const char *why = model_begin(&it->state.model);
     if (why)
         return fail(it, "begin:", why);
     it->state.phase = STEPPING;
@@ -70,9 +70,9 @@ int instance_exit(Instance *it) {
 
 /* A communication step: so many control periods, the commanded rates held. */
 int instance_step(Instance *it, double time, double length) {
-    Rig *rig = &it->state.rig;
+    Model *model = &it->state.model;
     double periods = length / PERIOD, whole = rint(periods);
-    double now = rig->start + (double)rig->tick * PERIOD;
+    double now = model->start + (double)model->tick * PERIOD;
     char what[96];
     if (it->state.phase != STEPPING)
         return fail(it, "a step", "can be done after initialization only");
@@ -82,11 +82,11 @@ int instance_step(Instance *it, double time, double length) {
     }
     if (!(fabs(time - now) < 0.4 * PERIOD)) { /* a host that adds up steps drifts off a little */
         snprintf(what, sizeof what, "a step from %.9g s", time);
-        snprintf(it->message, sizeof it->message, "%s, but this rig is at %.9g s", what, now);
+        snprintf(it->message, sizeof it->message, "%s, but this FMU is at %.9g s", what, now);
         return 0;
     }
     for (int64_t i = (int64_t)whole; i > 0; i--)
-        rig_advance(rig);
+        model_advance(model);
     return 1;
 }
 
@@ -111,7 +111,7 @@ static int own(Instance *it, const void *bytes, size_t size) {
     State state;
     if (size == sizeof state) {
         memcpy(&state, bytes, size);
-        if (state.rig.kind == KIND && state.phase >= MADE && state.phase <= ENDED)
+        if (state.model.kind == KIND && state.phase >= MADE && state.phase <= ENDED)
             return 1;
     }
     return fail(it, "a state", "of another FMU cannot be restored");

@@ -1,4 +1,4 @@
-/* What both versions of the interface share: one instance of the rig, and what may be done to it.
+/* What both versions of the interface share: one instance of the model, and what may be done to it.
    Each function returns 1 if it was done, 0 if not; then `message` says why. */
 
 #ifndef INSTANCE_H
@@ -6,13 +6,13 @@
 
 #include <stddef.h>
 
-#include "rig.h"
+#include "model.h" /* Model and its functions: the rig or a controller */
 
 enum Phase { MADE, BEGINNING, STEPPING, ENDED };
 
 typedef struct {
     int phase;
-    Rig rig;
+    Model model;
 } State; /* what is saved and restored */
 
 typedef struct {

@@ -845,11 +845,12 @@ static void measure(Rig *rig) {
     v[TRUE_THETA_RATE] = rig->rate[1];
     v[TRUE_ON_PLATE] = !rig->fallen;
 #if PATH_ROWS
-    memcpy(v + REFERENCE_X, PATH[rig->tick < PATH_ROWS ? rig->tick : PATH_ROWS - 1], sizeof *PATH);
+    double row = smaller(larger(0, rint(v[TIME] / PERIOD)), PATH_ROWS - 1);
+    memcpy(v + REFERENCE_X, PATH[(int)row], sizeof *PATH);
 #endif
 }
 
-void rig_reset(Rig *rig, double start) {
+void model_reset(Rig *rig, double start) {
     memset(rig, 0, sizeof *rig);
     for (int i = 0; i < VARIABLES; i++)
         rig->v[i] = KINDS[i].start;
@@ -857,7 +858,7 @@ void rig_reset(Rig *rig, double start) {
     rig->start = start;
 }
 
-const char *rig_set(Rig *rig, unsigned variable, double value) {
+const char *model_set(Rig *rig, unsigned variable, double value) {
     static const char *const wrong = "is not in the range that the model description gives";
     if (variable != RATE_PHI && variable != RATE_THETA)
         if (!(KINDS[variable].lowest <= value && value <= KINDS[variable].highest))
@@ -866,7 +867,7 @@ const char *rig_set(Rig *rig, unsigned variable, double value) {
     return NULL;
 }
 
-const char *rig_begin(Rig *rig) {
+const char *model_begin(Rig *rig) {
     double v[VARIABLES], start = rig->start;
     double frames = rig->v[SENSORS_TOUCH_FRAME_RATE];
     if (frames > 0 && frames < 1)
@@ -881,7 +882,7 @@ const char *rig_begin(Rig *rig) {
     if (wrong)
         return wrong;
     memcpy(v, rig->v, sizeof v);
-    rig_reset(rig, start);
+    model_reset(rig, start);
     memcpy(rig->v, v, sizeof v);
     rig->x = v[PLANT_START_X];
     rig->vx = v[PLANT_START_X_RATE];
@@ -902,7 +903,7 @@ const char *rig_begin(Rig *rig) {
     return NULL;
 }
 
-void rig_advance(Rig *rig) {
+void model_advance(Rig *rig) {
     const double *v = rig->v;
     double rate[2], mean[2];
     command(rig, rate);

@@ -9,12 +9,11 @@
 
 #include <stdint.h>
 
-#include "fmi.h"
-#include "scenario.h" /* written with each FMU: VARIABLES by name, PERIOD, RING, SURFACE, ... */
+#include "scenario.h" /* written with each FMU: PERIOD, RING, SURFACE, ... */
+#include "variables.h"
 
 enum BallSpin { FREE, LOCKED, THESIS };
 
-extern const Kind KINDS[VARIABLES];
 extern const double CURVE[CURVE_ROWS + 1][3]; /* angles of servo and plate, slope */
 extern const double PATH[PATH_ROWS ? PATH_ROWS : 1][6];
 extern const double SURFACE[SURFACE_X ? SURFACE_X : 1][SURFACE_X ? SURFACE_Y : 1][3];
@@ -78,16 +77,16 @@ typedef struct {
 } Rig;
 
 /* Fill a rig with the start values of the scenario, at a time in s. */
-void rig_reset(Rig *rig, double start);
+void model_reset(Rig *rig, double start);
 
 /* Set a variable; a text that says what is wrong, NULL if nothing is. */
-const char *rig_set(Rig *rig, unsigned variable, double value);
+const char *model_set(Rig *rig, unsigned variable, double value);
 
 /* Put plate and ball to their start and measure; a text that says what is wrong, or NULL. */
-const char *rig_begin(Rig *rig);
+const char *model_begin(Rig *rig);
 
 /* Simulate one control period with the rates that are commanded now, and measure. */
-void rig_advance(Rig *rig);
+void model_advance(Rig *rig);
 
 /* White noise of variance 1: the same for the same seed, stream and number. */
 double noise(uint64_t seed, uint64_t stream, uint64_t number);

@@ -1,4 +1,4 @@
-"""A ball that rolls on a plate whose motion is given, as a plant: Newton and Euler, exactly.
+"""A ball that rolls on a plate with a given motion, as a plant: Newton and Euler, exactly.
 
 Axes are the plate's, R = Rx(theta) Ry(phi); dots are rates of components in them. The plate turns
 with w = (theta' cos phi, phi', theta' sin phi); the ball's centre is at p = (x, y, d); the ball
@@ -36,9 +36,9 @@ v' = (1 + c1) w_z (v_y, -v_x) + c1 w_z^2 p, so that in axes that stand still the
 (1 - c1) w_z: 2/7 of the table's rate for a solid ball. By (5.9) there is no circle: the ball
 spirals outwards, growing as exp(sqrt(c1 (1 - c1)) w_z t).
 
-The spin is kept as the speed q = sqrt(1 - c1) r n, whose kinetic energy (m + J/r^2) q^2 / 2 is the
-spin's J n^2 / 2. With h = sqrt(1 - c1) (w_x, w_y) its part of (R5) is h q, and (R4) q' = -h v: what
-the one gains the other loses. The balls then move with resistance, by RK4.
+The spin is kept as the speed q = sqrt(1 - c1) r n: its kinetic energy (m + J/r^2) q^2 / 2 is the
+spin's J n^2 / 2. With h = sqrt(1 - c1) (w_x, w_y) its part of (R5) is h q, and (R4) q' = -h v: spin
+and rolling exchange energy. The balls then move with resistance, by RK4.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ class RollingModel(NamedTuple):
     lever_x: Any
     """Factor of -c1 w_x w_z in x'', m."""
     lever_y: Any
-    """Factor of -c1 w_y w_z in y'', that of w_x' included, m."""
+    """Factor of -c1 w_y w_z in y'', including the factor of w_x', m."""
     share: Any
-    """sqrt(1 - c1) of a ball whose spin is a state, else 0."""
+    """sqrt(1 - c1) if the ball's spin is a state, else 0."""
 
     @classmethod
     def of(cls, model: Any, spin: BallSpin) -> RollingModel:
@@ -223,7 +223,7 @@ class BallMotion(Contacts):
         self._spin_speed = speed.item() if self.single else speed
 
     def go_on(self, before: Contacts, x: Array) -> None:
-        """Begin where another motion of the same balls ends, in the state x, (N, 8)."""
+        """Begin where the motion ``before`` of the same balls ends, in the state x, (N, 8)."""
         super().go_on(before, x)
         if isinstance(before, BallMotion):
             self.spin = before.spin
@@ -310,7 +310,7 @@ class BallMotion(Contacts):
 
 
 class ExactPlant:
-    """N balls on plates whose motion is given, (R5), integrated by RK4 at the physics step.
+    """N balls on plates with a given motion, (R5), integrated by RK4 at the physics step.
 
     The servos are ideal: within one call of ``advance`` each plate rate runs linearly from its
     present value to the commanded one, so the plate acceleration is constant over a control period
@@ -360,7 +360,7 @@ class ExactPlant:
         self.start(np.zeros((rigs, 4)))
 
     def change(self, size: ArrayLike, rounded: ArrayLike, **equations: Any) -> None:
-        """Go on with another screen, ball, friction and level; arguments as when it was made."""
+        """Go on with a new screen, ball, friction and level; arguments as in the constructor."""
         before = self._balls
         self._equip(**equations)
         self._balls.go_on(before, self._x)
@@ -394,7 +394,7 @@ class ExactPlant:
             spin: Their rates about the vertical, rad/s.
 
         Raises:
-            ModelError: If a ball is to spin whose spin is no state.
+            ModelError: If a ball is to spin and its spin is no state.
         """
         self.begin(np.arange(self.rigs), ball, spin)
 
@@ -402,10 +402,10 @@ class ExactPlant:
         """Put some rigs to the start as ``start`` does, the others as they are.
 
         Raises:
-            ModelError: If a ball is to spin whose spin is no state.
+            ModelError: If a ball is to spin and its spin is no state.
         """
         if np.any(spin) and self.ball_spin != "free":
-            raise ModelError(f"a ball whose spin is '{self.ball_spin}' cannot start with one")
+            raise ModelError(f"a ball with '{self.ball_spin}' spin cannot start with a spin")
         fresh = np.zeros((len(rigs), 8))
         fresh[:, (0, 1, 4, 5)] = ball
         self._x = put(self._x, rigs, fresh)
@@ -474,7 +474,7 @@ class ExactPlant:
             self._fallen |= off
 
     def _through(self, linkage: Transmitting, rate: Array, period: float) -> tuple[Array, Array]:
-        """Acceleration to begin with, and jerk, of plates whose cranks ramp to rates in rad/s."""
+        """Initial acceleration, and jerk, of plates with cranks that ramp to rates in rad/s."""
         angle, before = self._x[:, 2::4], self._x[:, 3::4]
         motor = linkage.motor(angle)
         motor += period / 2 * (linkage.motor_rate(angle, motor, before) + rate)

@@ -94,7 +94,8 @@ class SurfaceMap:
         """Relative friction, shape (...), and slope (dz/dx, dz/dy), shape (..., 2).
 
         Args:
-            position: Ball in plate axes in m, shape (..., 2); beside the screen its edge counts.
+            position: Ball in plate axes in m, shape (..., 2); outside the screen the nearest edge
+                counts.
         """
         rig = np.arange(len(self.grids)) if len(self.grids) > 1 else 0
         steps = self._steps[rig]
@@ -163,19 +164,21 @@ class SurfaceMap:
 Grid = tuple[tuple[float, ...], ...]
 
 
-ROLLING = Followers(
+ROLLING_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
     identify=FREE,
     symbols=FREE,
 )
-DWELL = replace(ROLLING, symbols="have a contact of the settled age of its speed")
-PRESLIDING = replace(
-    DWELL, identify="stops a ball within one time", symbols="smooth friction over a speed"
+DWELL_FOLLOWERS = replace(
+    ROLLING_FOLLOWERS, symbols="have a contact of the settled age of its speed"
 )
-SURFACE = replace(
-    ROLLING,
+PRESLIDING_FOLLOWERS = replace(
+    DWELL_FOLLOWERS, identify="stops a ball within one time", symbols="smooth friction over a speed"
+)
+SURFACE_FOLLOWERS = replace(
+    ROLLING_FOLLOWERS,
     source=GIVEN,
     identify="takes patches of the screen as unknown",
     symbols="have an even screen",
@@ -191,7 +194,7 @@ class SurfaceModel:
         slope: Root mean square of the local slope in rad.
         patch: Length in m over which both change.
         seed: Which screen is drawn.
-        relative: Friction relative to that of the ball; rows along x, columns along y, both from
+        relative: Friction relative to the ball's; rows along x, columns along y, both from
             the negative edge to the positive one; empty for none.
         height: Height in m over the same grid; empty for none.
         camber: Acceleration per length in 1/s^2 by which the ball of the scenario rolls off the
@@ -202,24 +205,30 @@ class SurfaceModel:
         "plant.surface.spread_percent",
         0.0,
         Unit.PERCENT,
-        followed_by=SURFACE,
+        followed_by=SURFACE_FOLLOWERS,
         ge=0,
         le=100,
     )
-    slope: float = jump("plant.surface.slope_deg", 0.0, Unit.DEG, followed_by=SURFACE, ge=0, le=2)
+    slope: float = jump(
+        "plant.surface.slope_deg", 0.0, Unit.DEG, followed_by=SURFACE_FOLLOWERS, ge=0, le=2
+    )
     patch: float = jump(
         "plant.surface.patch_mm",
         50.0,
         Unit.MM,
-        followed_by=SURFACE.by("surface", SHAPE),
+        followed_by=SURFACE_FOLLOWERS.by("surface", SHAPE),
         ge=5,
         le=300,
     )
-    seed: int = jump("plant.surface.seed", 0, followed_by=SURFACE.by("surface", SHAPE), ge=0)
-    relative: Grid = jump("plant.surface.relative", (), followed_by=SURFACE, type=Grid)
-    height: Grid = jump("plant.surface.height_um", (), Unit.UM, followed_by=SURFACE, type=Grid)
+    seed: int = jump(
+        "plant.surface.seed", 0, followed_by=SURFACE_FOLLOWERS.by("surface", SHAPE), ge=0
+    )
+    relative: Grid = jump("plant.surface.relative", (), followed_by=SURFACE_FOLLOWERS, type=Grid)
+    height: Grid = jump(
+        "plant.surface.height_um", (), Unit.UM, followed_by=SURFACE_FOLLOWERS, type=Grid
+    )
     camber: tuple[float, float] = jump(
-        "plant.camber", (0.0, 0.0), followed_by=SURFACE, ge=-20, le=20
+        "plant.camber", (0.0, 0.0), followed_by=SURFACE_FOLLOWERS, ge=-20, le=20
     )
 
     def map(self, size: tuple[float, float], model: BallPlate) -> SurfaceMap | None:
@@ -247,10 +256,10 @@ class SurfaceModel:
 def resist(
     limit: Any, velocity: tuple[Any, Any], free: tuple[Any, Any], by: Arithmetic = ARRAY_ARITHMETIC
 ) -> tuple[Any, Any]:
-    """Acceleration (x'', y'') of a ball whose free one friction resists, up to a limit (m/s^2).
+    """Acceleration (x'', y'') of a ball under friction with a limit, from the free one (m/s^2).
 
     A moving ball is slowed against its velocity; a resting one starts only when the free
-    acceleration exceeds the limit. Numbers or arrays of one shape, as ``by`` says.
+    acceleration exceeds the limit. Numbers or arrays of one shape, to match ``by``.
     """
     (vx, vy), (ax, ay), where = velocity, free, by.where
     speed = by.sqrt(vx * vx + vy * vy)
@@ -270,8 +279,8 @@ def resist(
 class Friction:
     """A torque against the rolling: an arm times the force that presses the ball on the screen.
 
-    The arm is that of steady rolling, plus what a contact gains while it does not move, plus a
-    viscous part::
+    The arm is the sum of the arm of steady rolling, the gain of a contact at rest, and a viscous
+    part::
 
         arm = relative(x, y) rolling (1 + (breakaway_ratio - 1) age) + viscous v
 
@@ -286,8 +295,8 @@ class Friction:
     Attributes:
         rolling: Rolling resistance arm in m; a plate at rest tilted by less than
             arctan(arm / radius) holds the ball.
-        breakaway_ratio: Arm of a ball that has rested long, over that of a rolling one; >= 1.
-        stribeck_speed: Speed in m/s at which half of the surplus is gone.
+        breakaway_ratio: Arm of a ball that has rested long, over the arm of a rolling one; >= 1.
+        stribeck_speed: Speed in m/s at which half of the surplus remains.
         dwell_time: Time constant in s with which the surplus builds up at rest.
         viscous: Further arm per speed, m per m/s.
         presliding: Way in m over which the contact bends before it resists in full; 0
@@ -302,32 +311,41 @@ class Friction:
         "plant.friction.rolling_mm",
         0.18,
         Unit.MM,
-        followed_by=ROLLING.by("friction", 0.0),
+        followed_by=ROLLING_FOLLOWERS.by("friction", 0.0),
         ge=0,
         le=10,
         otherwise=0.0,
     )
     breakaway_ratio: Number = ramp(
-        "plant.friction.breakaway_ratio", 1.0, followed_by=ROLLING.by("breakaway"), ge=1, le=20
+        "plant.friction.breakaway_ratio",
+        1.0,
+        followed_by=ROLLING_FOLLOWERS.by("breakaway"),
+        ge=1,
+        le=20,
     )
     stribeck_speed: Number = ramp(
         "plant.friction.stribeck_speed",
         0.005,
-        followed_by=ROLLING.by("breakaway", SHAPE),
+        followed_by=ROLLING_FOLLOWERS.by("breakaway", SHAPE),
         ge=1e-4,
         le=10,
     )
     dwell_time: Number = ramp(
-        "plant.friction.dwell_time", 0.0, followed_by=DWELL.by("breakaway", SHAPE), ge=0
+        "plant.friction.dwell_time", 0.0, followed_by=DWELL_FOLLOWERS.by("breakaway", SHAPE), ge=0
     )
     viscous: Number = ramp(
-        "plant.friction.viscous_mm", 0.0, Unit.MM, followed_by=ROLLING.by("friction"), ge=0, le=1000
+        "plant.friction.viscous_mm",
+        0.0,
+        Unit.MM,
+        followed_by=ROLLING_FOLLOWERS.by("friction"),
+        ge=0,
+        le=1000,
     )
     presliding: Number = setting(
         "plant.friction.presliding_um",
         0.0,
         Unit.UM,
-        followed_by=PRESLIDING.by("presliding"),
+        followed_by=PRESLIDING_FOLLOWERS.by("presliding"),
         ge=0,
         le=1000,
     )

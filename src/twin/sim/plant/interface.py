@@ -1,4 +1,4 @@
-"""What every simulated plant is: its interface, where the ball begins, parts, and kinematics."""
+"""Interface of every simulated plant, start of the ball, parts, and kinematics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BallSpin = Literal["free", "locked", "thesis"]
 locked with the equations (5.9) of the thesis; ``twin.sim.plant.exact`` derives them."""
 
 
-START = Followers(
+START_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
@@ -41,12 +41,12 @@ class BallStart:
         spin: Rate about the vertical, rad/s.
     """
 
-    x: Number = setting("plant.start.x", 0.0, followed_by=START, ge=-2.5, le=2.5)
-    y: Number = setting("plant.start.y", 0.0, followed_by=START, ge=-2.5, le=2.5)
-    x_rate: Number = setting("plant.start.x_rate", 0.0, followed_by=START)
-    y_rate: Number = setting("plant.start.y_rate", 0.0, followed_by=START)
+    x: Number = setting("plant.start.x", 0.0, followed_by=START_FOLLOWERS, ge=-2.5, le=2.5)
+    y: Number = setting("plant.start.y", 0.0, followed_by=START_FOLLOWERS, ge=-2.5, le=2.5)
+    x_rate: Number = setting("plant.start.x_rate", 0.0, followed_by=START_FOLLOWERS)
+    y_rate: Number = setting("plant.start.y_rate", 0.0, followed_by=START_FOLLOWERS)
     spin: Number = setting(
-        "plant.start.spin", 0.0, followed_by=START.by("rolling"), ge=-500, le=500
+        "plant.start.spin", 0.0, followed_by=START_FOLLOWERS.by("rolling"), ge=-500, le=500
     )
 
     @property
@@ -75,7 +75,7 @@ class Plant(Protocol):
 
         Args:
             ball: Positions in m and speeds in m/s of the rolling balls.
-            spin: Their rates about the vertical, rad/s; 0 on plants whose ball cannot spin.
+            spin: Their rates about the vertical, rad/s; 0 on plants with a ball that cannot spin.
         """
 
     def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
@@ -174,7 +174,7 @@ class SomeRigs:
         return self._plant.telemetry().take(self._which, axis=0)
 
 
-BALL = Followers(
+BALL_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
@@ -182,36 +182,40 @@ BALL = Followers(
     identify=GIVEN,
     symbols=FREE,
 )
-HEIGHT = replace(BALL, explain="compares no builds of a rig", symbols=GIVEN)
-LEVEL = replace(BALL, identify=FREE)
-UNEVEN_BALL = replace(
-    BALL,
+HEIGHT_FOLLOWERS = replace(BALL_FOLLOWERS, explain="compares no builds of a rig", symbols=GIVEN)
+LEVEL_FOLLOWERS = replace(BALL_FOLLOWERS, identify=FREE)
+UNEVEN_BALL_FOLLOWERS = replace(
+    BALL_FOLLOWERS,
     equations="have a ball with its centre of mass in the middle",
     source="has the exact equations alone",
     identify="fits a ball that is round, in balance, and rolls",
     symbols="are the exact equations",
 )
-OVAL = replace(UNEVEN_BALL, equations="have a round ball")
-SLIDING = replace(UNEVEN_BALL, equations="have a ball that never slides")
-SPINNING = replace(UNEVEN_BALL, equations="have a ball whose spin nothing resists")
-WHEELS = replace(
-    UNEVEN_BALL,
+OVAL_FOLLOWERS = replace(UNEVEN_BALL_FOLLOWERS, equations="have a round ball")
+SLIDING_FOLLOWERS = replace(UNEVEN_BALL_FOLLOWERS, equations="have a ball that never slides")
+SPINNING_FOLLOWERS = replace(
+    UNEVEN_BALL_FOLLOWERS, equations="have a ball that spins without friction"
+)
+WHEEL_FOLLOWERS = replace(
+    UNEVEN_BALL_FOLLOWERS,
     equations="have no wheels",
     identify="has no measurement that shows it",
     rods="a plate on rods has none",
 )
-STIFFNESS = replace(WHEELS, explain="compares no builds of a rig")
-SPRING = replace(WHEELS, equations="have no spring")
-PLATE = replace(WHEELS, equations="have a plate that goes where it is told", rods="")
-MASS = replace(PLATE, rods=WHEELS.rods)
-MOTOR = replace(PLATE, equations="have ideal motors")
+STIFFNESS_FOLLOWERS = replace(WHEEL_FOLLOWERS, explain="compares no builds of a rig")
+SPRING_FOLLOWERS = replace(WHEEL_FOLLOWERS, equations="have no spring")
+PLATE_FOLLOWERS = replace(
+    WHEEL_FOLLOWERS, equations="have a plate that follows its command exactly", rods=""
+)
+PLATE_MASS_FOLLOWERS = replace(PLATE_FOLLOWERS, rods=WHEEL_FOLLOWERS.rods)
+MOTOR_FOLLOWERS = replace(PLATE_FOLLOWERS, equations="have ideal motors")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
-    """Numbers of one mechanism, SI units; None leaves what the model file says.
+    """Numbers of one mechanism, SI units; None leaves the value of the model file.
 
-    A mechanism whose balance they change is levelled again, as a rig is after work on it: the
+    If they change its balance, the mechanism is levelled again, as a rig is after work on it: the
     motor shafts are set to the height at which motor angle 0 is plate angle 0.
 
     Attributes:
@@ -242,32 +246,34 @@ class Parts:
         ModelError: If a number is out of range.
     """
 
-    mass: float | None = jump("plant.ball.mass", 0.024, followed_by=BALL, otherwise=None, gt=0)
+    mass: float | None = jump(
+        "plant.ball.mass", 0.024, followed_by=BALL_FOLLOWERS, otherwise=None, gt=0
+    )
     radius: float | None = setting(
-        "plant.ball.radius", 0.02, followed_by=BALL, otherwise=None, ge=0.005, le=0.05
+        "plant.ball.radius", 0.02, followed_by=BALL_FOLLOWERS, otherwise=None, ge=0.005, le=0.05
     )
     inertia: float | None = jump(
-        "plant.ball.inertia", 6.4e-6, followed_by=BALL, otherwise=None, gt=0
+        "plant.ball.inertia", 6.4e-6, followed_by=BALL_FOLLOWERS, otherwise=None, gt=0
     )
     offset: tuple[float, float, float] | None = setting(
         "plant.ball.offset_mm",
         (0.0, 0.0, 0.0),
         Unit.MM,
-        followed_by=UNEVEN_BALL.by("ball"),
+        followed_by=UNEVEN_BALL_FOLLOWERS.by("ball"),
         otherwise=None,
     )
     oval: float | None = setting(
         "plant.ball.oval_mm",
         0.0,
         Unit.MM,
-        followed_by=OVAL.by("ball"),
+        followed_by=OVAL_FOLLOWERS.by("ball"),
         otherwise=None,
         ge=0,
     )
     sliding: float | None = jump(
         "plant.friction.sliding",
         0.5,
-        followed_by=SLIDING.by("sliding"),
+        followed_by=SLIDING_FOLLOWERS.by("sliding"),
         otherwise=None,
         gt=0,
     )
@@ -275,53 +281,57 @@ class Parts:
         "plant.friction.spinning_mm",
         0.01,
         Unit.MM,
-        followed_by=SPINNING.by("spinning"),
+        followed_by=SPINNING_FOLLOWERS.by("spinning"),
         otherwise=None,
         ge=0.01,
         le=10,
     )
     stiffness: float | None = setting(
-        "plant.wheels.stiffness", None, followed_by=STIFFNESS, ge=5e3, le=2e6
+        "plant.wheels.stiffness", None, followed_by=STIFFNESS_FOLLOWERS, ge=5e3, le=2e6
     )
     damping_ratio: float | None = setting(
-        "plant.wheels.damping_ratio", None, followed_by=WHEELS.by("vibration", 1.0), ge=0, le=2
+        "plant.wheels.damping_ratio",
+        None,
+        followed_by=WHEEL_FOLLOWERS.by("vibration", 1.0),
+        ge=0,
+        le=2,
     )
     preload: float | None = setting(
         "plant.spring.preload",
         None,
-        followed_by=SPRING.by("liftoff"),
+        followed_by=SPRING_FOLLOWERS.by("liftoff"),
         ge=1,
         le=500,
     )
     torque: float | None = jump(
-        "plant.servo.torque_limit", None, followed_by=MOTOR.by("drive", 1000.0), gt=0
+        "plant.servo.torque_limit", None, followed_by=MOTOR_FOLLOWERS.by("drive", 1000.0), gt=0
     )
     speed: float | None = jump(
-        "plant.servo.speed_limit", None, followed_by=MOTOR.by("drive", 1000.0), gt=0
+        "plant.servo.speed_limit", None, followed_by=MOTOR_FOLLOWERS.by("drive", 1000.0), gt=0
     )
     joint_friction: float | None = setting(
         "plant.plate.joint_friction",
         0.0,
-        followed_by=PLATE.by("joint_friction"),
+        followed_by=PLATE_FOLLOWERS.by("joint_friction"),
         otherwise=None,
         ge=0,
         le=20,
     )
     height: float | None = setting(
-        "plant.plate.height", 0.122, followed_by=HEIGHT, otherwise=None, ge=0, le=0.5
+        "plant.plate.height", 0.122, followed_by=HEIGHT_FOLLOWERS, otherwise=None, ge=0, le=0.5
     )
     plate_centre: tuple[float, float] | None = setting(
         "plant.plate.offset_mm",
         None,
         Unit.MM,
-        followed_by=MASS.by("mass", (0.0, 0.0)),
+        followed_by=PLATE_MASS_FOLLOWERS.by("mass", (0.0, 0.0)),
         type=tuple[float, float],
     )
     level: tuple[float, float] | None = ramp(
         "plant.level_deg",
         (0.0, 0.0),
         Unit.DEG,
-        followed_by=LEVEL.by("level"),
+        followed_by=LEVEL_FOLLOWERS.by("level"),
         otherwise=None,
         ge=-5,
         le=5,
@@ -343,7 +353,7 @@ class Parts:
 
     @property
     def balanced(self) -> bool:
-        """Whether the mechanism's balance on a level base is that of the file."""
+        """Whether the mechanism keeps the balance of the file on a level base."""
         shape = self.mass, self.radius, self.oval, self.height, self.size
         weighs = *shape, self.stiffness, self.preload, self.plate_centre, self.linkage
         return all(each is None for each in weighs)

@@ -39,7 +39,7 @@ TELEMETRY_SENSORS = {
     "motor_phi_rad": "motor_phi",
     "motor_theta_rad": "motor_theta",
 }
-"""Name in the record, and the sensor whose first number it is; a model need not have all."""
+"""Name in the record, and the sensor that has it as first number; a model need not have all."""
 
 
 def channels_of(model: mujoco.MjModel) -> dict[str, int]:
@@ -64,7 +64,7 @@ class Addresses:
         rates: In ``qvel`` their rates, shape (5,).
         state: In ``sensordata`` the state in the order of (5.5), shape (8,).
         over: In ``sensordata`` whether the ball is on the screen.
-        told: In ``sensordata`` what ``TELEMETRY`` names, shape (channels,).
+        telemetry: In ``sensordata`` the channels of ``TELEMETRY``, shape (channels,).
         servo: In ``ctrl`` the motor rates.
         shaft: In ``qpos`` the motor shafts' angles.
     """
@@ -76,7 +76,7 @@ class Addresses:
     rates: Indices
     state: Indices
     over: int
-    told: Indices
+    telemetry: Indices
     servo: slice | list[int]
     shaft: slice | list[int]
 
@@ -98,7 +98,7 @@ class Addresses:
             rates=np.array([*(joint.dofadr[0] for joint in plate), *range(rate, rate + 3)]),
             state=np.array([*along_x, *along_y]),
             over=at["ball_on_plate"],
-            told=np.array(list(channels_of(model).values())),
+            telemetry=np.array(list(channels_of(model).values())),
             servo=_columns([model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")]),
             shaft=_columns([model.joint(f"cam_{axis}").qposadr[0] for axis in ("phi", "theta")]),
         )
@@ -165,7 +165,7 @@ class BallContact(Contacts):
             self._radius = sizes[..., model.geom("ball").id, 0]
 
     def go_on(self, before: Contacts, x: Array) -> None:
-        """Begin where another contact of the same balls ends, in the state x, (N, 8)."""
+        """Begin where the contact ``before`` of the same balls ends, in the state x, (N, 8)."""
         super().go_on(before, x)
         self._force[:] = 0.0
 
@@ -329,7 +329,7 @@ class Mechanism:
             self._contact.begin(rigs, self.state)
 
     def _put_level(self, rigs: NDArray[np.integer] | None, ball: Array, spin: Number) -> None:
-        """Put rigs, all by default, level and at rest with their balls as ``start`` says."""
+        """Put rigs, all by default, level and at rest with their balls as in ``start``."""
         batch = self._batch
         batch.reset(rigs, keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         which = slice(None) if rigs is None else rigs
@@ -463,4 +463,4 @@ class Mechanism:
 
         Shape (N, channels). Forces and torques are those of the last physics step.
         """
-        return self._sensed.take(self._at.told, axis=1)
+        return self._sensed.take(self._at.telemetry, axis=1)

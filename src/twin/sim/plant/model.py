@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask, Number
 from twin.base.errors import ModelError
 from twin.base.shipped import model_path
+from twin.hal.interface import AXIS_NAMES
 from twin.hal.linkage import Linkage
 from twin.sim.plant.interface import Parts, tilted_gravity
-
-AXIS_NAMES = ("phi", "theta")
 
 _SENSOR_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 """Sensors are disabled while the static equilibrium is computed."""
@@ -31,7 +30,7 @@ _SENSOR_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _NEVER_LEVEL = "mechanism: these parts do not come to rest level"
 
 _BALANCE_STEP = 1e-6
-"""By how much unknowns of the balance are varied for its derivatives, m and rad."""
+"""Steps of the unknowns of the balance for its derivatives, m and rad."""
 _BALANCE_TOLERANCE = 1e-10
 """Newton steps of the balance smaller than this are the last, m and rad."""
 
@@ -112,7 +111,7 @@ MODEL_NAMES = {
         "torque_theta",
     ),
 }
-"""What the plant asks of a model, by kind; the contract of the model file."""
+"""Names that the plant needs in a model, by kind; the contract of the model file."""
 ON_CAMS = {
     "geom": ("wheel_phi", "wheel_theta", "cam_phi", "cam_theta"),
     "tendon": ("spring",),
@@ -141,8 +140,8 @@ def load_model(
         path: The MJCF file; None for the packaged one with the parts' linkage, or with cams.
         parts: What differs from the file.
         drawn: Whether it is to be seen; without what only a viewer needs it moves by the same bits.
-        stands: A mechanism from before parts were exchanged: it is not levelled again, its shafts
-            stay at their heights. None levels one whose balance the parts change.
+        stands: The mechanism before parts were exchanged: it is not levelled again, its shafts stay
+            at their heights. None levels it if the parts change its balance.
 
     Raises:
         ModelError: If the file cannot be read or compiled, or lacks names.
@@ -174,8 +173,8 @@ def drawn_model(
 ) -> mujoco.MjModel:
     """A mechanism to look at, with the screen and the operating area of a rig.
 
-    Of another plate than that of the model file nobody knows what moves it: only it, its cardan
-    joint and their post are left to be seen.
+    The drive of a plate other than the model file's is unknown: only the plate, its cardan joint
+    and their post are drawn.
 
     Args:
         parts: What differs from the model file.
@@ -225,7 +224,7 @@ def _fit_model(
 def _shape_model(
     path: Path, content: bytes, drawn: bool, parts: Parts
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The mechanism with another ball and plate, compiled once. Never changed; and room for it."""
+    """The mechanism with ball and plate exchanged, compiled once and never changed; its data."""
     model = compile_with(_compile_file(path, content, drawn)[0], parts)
     return model, mujoco.MjData(model)
 
@@ -351,11 +350,11 @@ def fit_parts(
 
     Args:
         model: Has the parts' ball and plate; is changed and returned.
-        data: For models like it; what it holds does not matter.
+        data: For models like it; its content does not matter.
         before: The mechanism of the model file.
         parts: What differs of it.
-        stands: A mechanism at whose heights the shafts stay; None levels one whose balance the
-            parts change.
+        stands: The shafts stay at the heights of this mechanism; None levels it if the parts
+            change its balance.
 
     Raises:
         ModelError: If the mechanism does not come to rest level.
@@ -392,10 +391,10 @@ def fit_parts(
 
 
 def compile_with(spec: mujoco.MjSpec, parts: Parts) -> mujoco.MjModel:
-    """Compile a mechanism with another ball and plate.
+    """Compile a mechanism with its ball and plate exchanged.
 
     Args:
-        spec: That of the model file; it stays as it is.
+        spec: Specification in the model file; it stays as it is.
         parts: What differs; of them ball and plate.
 
     Raises:
@@ -550,7 +549,7 @@ class RigModels:
         self._step, self._disabled = step, disabled
         file = model_path() if self._parts[0].linkage is None else model_path(RODS_FILE)
         self.gravity = float(-load_model(file, drawn=False).opt.gravity[2])
-        """Amount of gravity in m/s^2: that of the file, as the one of a tilted base is rounded."""
+        """Gravity in m/s^2 from the file, as the components of a tilted base are rounded."""
         self._built = self._compiled(self._parts)
         self._now = self._built
         self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
@@ -559,7 +558,7 @@ class RigModels:
 
     @property
     def first(self) -> mujoco.MjModel:
-        """That of the first rig as it was built."""
+        """Model of the first rig as it was built."""
         return self._built[0]
 
     def heights(self, rigs: NDArray[np.integer] | None = None) -> Array:

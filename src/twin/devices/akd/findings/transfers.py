@@ -25,6 +25,8 @@ MAX_NAMED = 4
 """Objects that a finding names; of more it has the number."""
 TIMED_OUT = 0x0504_0000
 """Abort code of a transfer that took too long."""
+_WARNINGS_IF_READ = ("sdo-refused", "sdo-unfinished")
+"""Codes of which a transfer that only reads is a warning."""
 _CAUSES = ("node-silent", "node-lost", "bus-lost", "boot-up")
 _COMMANDS = {
     0x1003, 0x1010, 0x1011, 0x1F50, 0x1F51, 0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1,
@@ -41,9 +43,19 @@ def find_unanswered(trace: Conversation, known: Sequence[Finding]) -> Iterator[F
         if each.abort == TIMED_OUT:
             return True
         late = trace.duration - each.begin >= wait
-        return each.end is None and late
+        return each.end is None and late and not each.unfinished
 
     yield from _group_transfers(trace, known, "sdo-timeout", "without an answer", unanswered)
+
+
+def find_unfinished(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
+    """Transfers in several frames that the host did not carry on."""
+    wait = ANSWER_S if trace.timed else ANSWER_FRAMES
+
+    def unfinished(each: Transfer) -> bool:
+        return each.unfinished and trace.duration - each.begin >= wait
+
+    yield from _group_transfers(trace, known, "sdo-unfinished", "begun, not finished", unfinished)
 
 
 def find_refused(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
@@ -83,7 +95,7 @@ def _group_transfers(
         severity = Severity.UNRESOLVED
         if good.get((each.node, each.key, each.writes), -1.0) > each.begin:
             severity = Severity.RECOVERED
-        elif code == "sdo-refused" and not each.writes:
+        elif code in _WARNINGS_IF_READ and not each.writes:
             severity = Severity.WARNING
         groups.setdefault((each.node, severity), []).append(each)
     for (node, severity), its in groups.items():
@@ -162,6 +174,19 @@ def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
                 f"{', '.join(list(names)[:MAX_NAMED])}",
                 frames=tuple(each.frame for each in strays),
             )
+
+
+def find_short_frames(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
+    """SDO frames of fewer than 8 bytes, which CiA 301 does not allow."""
+    for node, its in trace.observed.short_transfers.items():
+        yield Finding(
+            code="sdo-length",
+            severity=Severity.WARNING,
+            time=its.time[0],
+            node=node,
+            text=f"{plural(len(its.time), 'SDO frame')} of fewer than 8 bytes",
+            frames=tuple(its.frame),
+        )
 
 
 def _is_second(ends: Sequence[float], stray: StrayAnswer) -> bool:

@@ -36,11 +36,15 @@ FINDERS: tuple[Find, ...] = (
     pdos.find_missing_pdos,
     pdos.find_wrong_lengths,
     transfers.find_unanswered,
+    transfers.find_unfinished,
     transfers.find_refused,
     transfers.find_overlaps,
+    transfers.find_short_frames,
     transfers.find_lost_settings,
 )
 """All families of findings, causes before consequences."""
+ANY_BUS: tuple[Find, ...] = (bus.find_error_frames, bus.find_high_load)
+"""Those that a bus of any protocol may have."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,7 @@ class Verdict:
         counts: How many problems there are of each severity.
         load: Of the bus within the busiest tenth of a second, bit/s, stuffed as badly as can be;
             None without times.
+        heard: Whether any CANopen node is heard.
     """
 
     findings: tuple[Finding, ...]
@@ -61,6 +66,12 @@ class Verdict:
     places: tuple[str, ...]
     counts: dict[Severity, int]
     load: float | None
+    heard: bool
+
+    @property
+    def good(self) -> bool:
+        """Whether a node is heard, and no problem is unresolved."""
+        return self.heard and self.worst is not Severity.UNRESOLVED
 
     @property
     def worst(self) -> Severity | None:
@@ -89,7 +100,7 @@ def assess(trace: Conversation, remarks: Sequence[str] = ()) -> Verdict:
         remarks: What its reader remarked.
     """
     findings = list(bus.find_clock_steps(remarks))
-    for find in FINDERS:
+    for find in FINDERS if trace.is_canopen else ANY_BUS:
         findings += find(trace, findings)
     findings.sort(key=lambda each: each.order)
     found = Counter(each.severity for each in findings)
@@ -97,7 +108,7 @@ def assess(trace: Conversation, remarks: Sequence[str] = ()) -> Verdict:
     load = bus.busiest(trace)[1] if trace.timed else None
     places = tuple(where(trace, each) for each in findings)
     headline = _headline(trace, findings, counts, load)
-    return Verdict(tuple(findings), headline, places, counts, load)
+    return Verdict(tuple(findings), headline, places, counts, load, bool(trace.nodes))
 
 
 def where(trace: Conversation, finding: Finding) -> str:
@@ -115,6 +126,12 @@ def _headline(
     load: float | None,
 ) -> str:
     """What happened, in one line: the worst finding, and how many others there are."""
+    if not trace.is_canopen:
+        return (
+            f"no CANopen recognised: {plural(len(trace.observed.times), 'frame')} without network "
+            "management, heartbeat, SDO or SYNC; with --eds FILE or --rig FILE, PDOs and "
+            "emergencies are read"
+        )
     if not findings:
         found = "nothing wrong" if trace.nodes else "no CANopen node heard"
         return f"{found}: {_describe_checks(trace, load)}"
@@ -145,7 +162,9 @@ def _describe_checks(trace: Conversation, load: float | None) -> str:
     axes = len(drives.axes(trace))
     what = plural(len(trace.nodes), "node") + (f" and {plural(axes, 'drive')}" if axes else "")
     checked = f": {', '.join(parts)}" if parts else ""
-    return f"{what} for {trace.span(trace.duration)}{checked}; no emergency, no error frame"
+    frames = plural(len(seen.times), "frame")
+    lasting = f"for {trace.span(trace.duration)}" if trace.timed else f"in {frames}"
+    return f"{what} {lasting}{checked}; no emergency, no error frame"
 
 
 def _every(trace: Conversation, rhythms: Sequence[Rhythm]) -> str:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from twin.base.errors import one_line
-from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
+from twin.base.foreign import HEAD_BYTES, encoding_of, file_kind, with_article
 from twin.devices.akd.trace_files import captures, packed, tables, text
 from twin.devices.akd.trace_files.candump import (
     LOG_LINE,
@@ -33,7 +33,7 @@ from twin.devices.akd.trace_files.frames import Notes, TracedFrame
 
 __all__ = ["Notes", "TracedFrame", "read_frames"]
 
-_BEGINNING = 60
+_FORM_LINES = 60
 """Lines at the beginning of a text by which its form is known."""
 
 
@@ -42,11 +42,11 @@ def read_frames(file: Path, notes: Notes) -> Iterator[TracedFrame]:
 
     Args:
         file: The file, which may be compressed by gzip.
-        notes: Is given what is to be said of it.
+        notes: Collects remarks about the file.
     """
     number = 0
     try:
-        with _opened(file) as raw:
+        with _open_packed(file) as raw:
             for message in _frames(file, raw, notes):
                 number += 1
                 yield message
@@ -54,18 +54,18 @@ def read_frames(file: Path, notes: Notes) -> Iterator[TracedFrame]:
         notes.remarks.append(f"cannot be read on after frame {number}: {one_line(error)}")
 
 
-def _opened(file: Path) -> BinaryIO:
+def _open_packed(file: Path) -> BinaryIO:
     with file.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
     return cast("BinaryIO", gzip.open(file)) if packed else file.open("rb")
 
 
 def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[TracedFrame]:
-    head = cast("io.BufferedReader", raw).read1(HEAD + 16)  # of a cut file what there is
+    head = cast("io.BufferedReader", raw).read1(HEAD_BYTES + 16)  # of a cut file what there is
     raw.seek(0)
     kind = file_kind(head)
-    if kind in _PACKED:
-        notes.form, reader = _PACKED[kind]
+    if kind in _PACKED_READERS:
+        notes.form, reader = _PACKED_READERS[kind]
         yield from _classic(reader(raw, file, notes), notes)
     elif kind:
         notes.remarks.append(f"is {with_article(kind)}, no trace of a CAN bus")
@@ -73,7 +73,7 @@ def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[TracedFrame]:
         ending = (file.with_suffix("") if file.suffix == ".gz" else file).suffix.lower()
         with io.TextIOWrapper(raw, encoding_of(head), errors="replace") as lines:
             plain = _until_broken(lines, notes)
-            beginning = list(islice(plain, _BEGINNING))
+            beginning = list(islice(plain, _FORM_LINES))
             notes.form, text_reader = _form(beginning, ending)
             yield from _classic(text_reader(chain(beginning, plain), notes), notes)
 
@@ -105,7 +105,7 @@ def _classic(frames: Iterable[TracedFrame | None], notes: Notes) -> Iterator[Tra
 
 _Packed = Callable[[BinaryIO, Path, Notes], Iterator[TracedFrame | None]]
 _Text = Callable[[Iterable[str], Notes], Iterator[TracedFrame | None]]
-_PACKED: dict[str, tuple[str, _Packed]] = {
+_PACKED_READERS: dict[str, tuple[str, _Packed]] = {
     "CAN trace of Vector (.blf)": ("BLF", packed.read_blf),
     "SQLite database": ("python-can's database", packed.read_database),
     "measurement file (.mf4)": ("MF4", packed.read_mf4),
@@ -113,10 +113,13 @@ _PACKED: dict[str, tuple[str, _Packed]] = {
     "pcap capture": ("pcap", captures.read_capture),
 }
 """Readers of packed files by what their first bytes say."""
-_FORMS: dict[str, tuple[Callable[[str], object], _Text]] = {
+_TEXT_READERS: dict[str, tuple[Callable[[str], object], _Text]] = {
     "candump -L": (LOG_LINE.match, read_candump_log),
     "BUSMASTER": (re.compile(r"\*\*\*BUSMASTER").match, text.read_busmaster),
-    "PCAN-View": (re.compile(r";\$FILEVERSION|\s*\d+\)\s+\d").match, text.read_trc),
+    "PCAN-View": (
+        re.compile(r";\$FILEVERSION|\s*\d+\)\s+\d|\s*\d+\s+\d+\.\d+\s+(DT|RR|ST)\s").match,
+        text.read_trc,
+    ),
     "Vector's ASC": (
         re.compile(r"\s*(base\s+(hex|dec)\b|begin triggerblock|date\s+\w+\s+\w+\s)", re.I).match,
         text.read_asc,
@@ -132,8 +135,8 @@ _BY_ENDING = {".asc": "Vector's ASC", ".trc": "PCAN-View", ".csv": "a table of f
 def _form(beginning: list[str], ending: str) -> tuple[str, _Text]:
     """The form that a text has by its first lines, else by the ending of its name."""
     plain = [without_colours(line) for line in beginning]
-    for form, (known, reader) in _FORMS.items():
+    for form, (known, reader) in _TEXT_READERS.items():
         if any(known(line) for line in plain):
             return form, reader
     form = _BY_ENDING.get(ending, "candump -L")
-    return form, _FORMS[form][1]
+    return form, _TEXT_READERS[form][1]

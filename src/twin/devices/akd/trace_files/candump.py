@@ -21,10 +21,11 @@ LOG_LINE = re.compile(
     r"\s*\((-?\d+\.?\d*)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
     r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
 )
-_DROPPED = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
+_DROPPED_FRAMES = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
 """A line of ``candump -d``: frames that the socket lost."""
-_MIN_SMALL_SHARE, _MIN_LARGEST_SHARE = 0.1, 0.5
-"""Least share of small times, and of times that equal the largest, among differences of time."""
+_MIN_SMALL_SHARE, _MIN_LARGEST_SHARE, _MIN_HALVED_SHARE = 0.1, 0.5, 0.1
+"""Least share of small times, of times that equal the largest, and of times less than half of the
+one before, among differences of time."""
 
 
 class _Dropped:
@@ -35,7 +36,7 @@ class _Dropped:
 
     def is_in(self, line: str) -> bool:
         """Whether a line is such a report; it is then counted."""
-        match = _DROPPED.match(line)
+        match = _DROPPED_FRAMES.match(line)
         self.count += int(match[1]) if match else 0
         return match is not None
 
@@ -48,12 +49,12 @@ class _Dropped:
 _PLAIN_TIME = re.compile(r"\(\d+\.\d{6}")
 _PLAIN_HEAD = re.compile(r" +(\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})")
 """The beginning of a line of a log as candump prints it, and what then stands before the data."""
-_RECEIVED = {"": True, "R": True, "T": False}
+_RECEIVED_MARKS = {"": True, "R": True, "T": False}
 """Whether a frame was received, by what stands behind its data."""
 
 
 def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What ``candump -L`` writes: ``(1.5) can0 701#05 R``.
+    """Reader of ``candump -L``: ``(1.5) can0 701#05 R``.
 
     Data frames in the form that candump itself prints are read without a regular expression for the
     whole line, in half the time.
@@ -66,9 +67,9 @@ def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame
         text, _, way = after.rstrip().partition(" ")
         known = heads[head] if head in heads else heads.setdefault(head, _read_head(head))
         data = _read_bytes(text)
-        if known and data is not None and way in _RECEIVED and _PLAIN_TIME.fullmatch(time):
+        if known and data is not None and way in _RECEIVED_MARKS and _PLAIN_TIME.fullmatch(time):
             channel, number, extended, error = known
-            received = _RECEIVED[way]
+            received = _RECEIVED_MARKS[way]
             yield TracedFrame(
                 float(time[1:]), number, data, extended, False, error, received, len(data), channel
             )
@@ -121,26 +122,27 @@ def _log_frame(match: re.Match[str]) -> TracedFrame | None:
     )
 
 
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-"""What colours a line on a terminal (candump -c)."""
+_COLOUR_CODES = re.compile(r"\x1b\[[0-9;]*m")
+"""Escape sequences that colour a line on a terminal (candump -c)."""
 
 
 def without_colours(line: str) -> str:
     """A line without the marks that colour it on a terminal."""
-    return _COLOURS.sub("", line)
+    return _COLOUR_CODES.sub("", line)
 
 
 TERMINAL_LINE = re.compile(
-    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(\S+)\s+"
+    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(?:(\S+)\s+)?"
     r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+[\[{]([0-9A-F])[\]}]\s*(.*)$"
 )
 
 
 def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What candump prints on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
+    """Reader of candump's output on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
 
-    Its times may be absolute (-ta, -tA), since the first frame (-tz), from frame to frame (-td,
-    which are added up), or missing: then frames are numbered.
+    The channel may be missing, as where parts of lines were copied. Times may be absolute (-ta,
+    -tA), since the first frame (-tz), from frame to frame (-td, which are added up), or missing:
+    then frames are numbered.
     """
     frames, dropped, numbered = list[TracedFrame | None](), _Dropped(), False
     for line in lines:
@@ -169,16 +171,21 @@ def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[Traced
 def _are_differences(times: list[float]) -> bool:
     """Whether times count from the frame before, not from the first.
 
-    Both begin with 0. Times from the first frame grow: hardly any is smaller than the one before or
-    than half of the largest so far, and few are the largest. Differences are so often.
+    Both begin with 0, unless a part is cut out of a trace. Times from the first frame grow: hardly
+    any is smaller than the one before or than half of the largest so far, and few are the largest.
+    Differences are so often. In a part that does not begin with 0 only times of less than half of
+    the one before are differences: two recordings in one file have one such step.
     """
-    before, largest, small = 0.0, 0.0, 0
+    before, largest, small, halved = 0.0, 0.0, 0, 0
     for time in times:
         small += time < before or time < 0.5 * largest
+        halved += time < 0.5 * before
         before, largest = time, max(largest, time)
+    if times[:1] != [0.0]:
+        return halved > max(1.0, _MIN_HALVED_SHARE * len(times))
     many = small > _MIN_SMALL_SHARE * len(times)
     even = largest > 0.0 and times.count(largest) > _MIN_LARGEST_SHARE * len(times)
-    return times[:1] == [0.0] and (many or even)
+    return many or even
 
 
 def _terminal_frame(row: re.Match[str]) -> TracedFrame | None:

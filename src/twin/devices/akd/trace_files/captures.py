@@ -47,7 +47,7 @@ def read_capture(raw: BinaryIO, _: Path, notes: Notes) -> Iterator[TracedFrame |
     """The classic frames of a capture.
 
     Identifier and flags are big-endian, but in captures of any device they are in the byte order of
-    the computer that captured, which is that of the file.
+    the capturing computer, which is also the byte order of the file.
     """
     magic = raw.read(4)
     packets = _pcapng_packets if magic == _SECTION else _pcap_packets

@@ -9,7 +9,7 @@ ERROR_FLAG, REMOTE_FLAG, EXTENDED_FLAG = 1 << 29, 1 << 30, 1 << 31
 """Flags above an identifier, as SocketCAN has them."""
 LARGEST_STANDARD = 0x7FF
 """Largest identifier of 11 bits."""
-LOOKAHEAD = 20_000
+LOOKAHEAD_LINES = 20_000
 """Lines by which a reader infers what the file does not state, as the base of its numbers."""
 
 
@@ -44,7 +44,7 @@ class TracedFrame:
         is_remote_frame: Whether it requests data.
         is_error_frame: Whether it reports an error.
         is_rx: Whether the program that wrote the trace received it.
-        dlc: Length, of a remote frame that of the requested data.
+        dlc: Length of the data; of a remote frame, length of the requested data.
         channel: Name of the bus.
     """
 

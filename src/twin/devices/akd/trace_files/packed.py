@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
-    """What Vector's tools pack (.blf)."""
+    """Reader of packed files of Vector's tools (.blf)."""
     import can  # noqa: PLC0415  takes 0.2 s
 
     number = 0
@@ -25,11 +25,13 @@ def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | 
         for number, message in enumerate(reader, 1):  # noqa: B007
             yield _of_message(message)
         if file.suffix.lower() != ".gz" and reader.file_size > file.stat().st_size:
-            notes.remarks.append(f"cut off, ends after frame {number}")  # as its head says
+            notes.remarks.append(
+                f"cut off, ends after frame {number}"
+            )  # the head gives the full size
 
 
 def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
-    """What python-can keeps in a database (.db)."""
+    """Reader of databases of python-can (.db)."""
     import can  # noqa: PLC0415  takes 0.2 s
 
     notes.remarks.append(

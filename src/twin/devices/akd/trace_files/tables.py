@@ -11,13 +11,13 @@ from itertools import chain, islice
 
 from twin.devices.akd.trace_files.frames import (
     LARGEST_STANDARD,
-    LOOKAHEAD,
+    LOOKAHEAD_LINES,
     Notes,
     TracedFrame,
     classic_frame,
 )
 
-_COLUMNS = {
+_COLUMN_PATTERNS = {
     "time": r"(abs)?time(stamp)?s?(s|ms|us|µs|ns|sec|seconds|abs|rel)?",
     "identifier": r"(can|msg|message|arb)?(id|identifier)(hex|dec)?|arbitrationid|addr(ess)?",
     "extended": r"(is)?ext(ended)?|xtd",
@@ -30,11 +30,11 @@ _COLUMNS = {
     "data": r"data(bytes)?(hex)?|payload",
 }
 """Columns of a table of frames, by their names in small letters without signs and spaces."""
-_BYTE = re.compile(r"(?:d|b|data|byte)(\d)")
-_TRUE = {"1", "true", "yes", "x", "t"}
+_BYTE_COLUMN = re.compile(r"(?:d|b|data|byte)(\d)")
+_TRUE_WORDS = {"1", "true", "yes", "x", "t"}
 _KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_SENT = 0x01, 0x04, 0x20, 0xC0
 """Flags of a frame of Kvaser's CANlib, a number in the column of flags."""
-_SCALES = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_TIME_UNITS_S = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Units of times in the name of their column, in s."""
 
 
@@ -44,11 +44,11 @@ def _column_places(line: str) -> tuple[dict[str, int], list[int], str]:
     names = [re.sub(r"[^a-z0-9µ]", "", cell.lower()) for cell in line.split(separator)]
     found = {
         role: k
-        for role, pattern in reversed(_COLUMNS.items())
+        for role, pattern in reversed(_COLUMN_PATTERNS.items())
         for k, name in reversed(list(enumerate(names)))
         if re.fullmatch(pattern, name)
     }
-    return found, [k for k, name in enumerate(names) if _BYTE.fullmatch(name)], separator
+    return found, [k for k, name in enumerate(names) if _BYTE_COLUMN.fullmatch(name)], separator
 
 
 def is_table(line: str) -> bool:
@@ -70,13 +70,13 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | Non
         for line in rows
         if line.strip()
     )
-    cells = list(islice(split, LOOKAHEAD))
+    cells = list(islice(split, LOOKAHEAD_LINES))
     name = header.split(separator)[places["time"]].lower()
-    packed = "arbitration_id" in header  # python-can, whose bytes are in base64
+    packed = "arbitration_id" in header  # python-can: bytes in base64
     if packed:
         notes.form = "python-can's table"
     whole = all("." not in row[places["time"]] for row in cells[:100] if len(row) > places["time"])
-    scale = next((each for unit, each in _SCALES.items() if unit in name), 1.0)
+    scale = next((each for unit, each in _TIME_UNITS_S.items() if unit in name), 1.0)
     if whole and re.fullmatch(r"\W*time\W*stamp\W*", name) and not packed:
         scale = 1e-6  # GVRET
     elif whole and not packed and re.fullmatch(r"\W*time\W*", name):
@@ -107,9 +107,9 @@ def _table_row(
         return row[places[role]].strip().lower() if role in places else ""
 
     flags = int(cell("flags")) if cell("flags").isdecimal() else 0
-    error = cell("error") in _TRUE or bool(flags & _KVASER_ERROR)
-    remote = cell("remote") in _TRUE or bool(flags & _KVASER_REMOTE)
-    extended = cell("extended") in _TRUE or bool(flags & _KVASER_EXTENDED)
+    error = cell("error") in _TRUE_WORDS or bool(flags & _KVASER_ERROR)
+    remote = cell("remote") in _TRUE_WORDS or bool(flags & _KVASER_REMOTE)
+    extended = cell("extended") in _TRUE_WORDS or bool(flags & _KVASER_EXTENDED)
     if packed:
         data = b64decode(row[places["data"]], validate=True)
     elif single:
@@ -168,9 +168,9 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
 
 
 def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
-    """What Kvaser's CanKing prints: channel, identifier, flag, length, data, time, direction."""
+    """Reader of Kvaser's CanKing: channel, identifier, flag, length, data, time, direction."""
     rows = (line.split() for line in lines if re.match(r"\s*\d+\s", line))
-    first = list(islice(rows, LOOKAHEAD))
+    first = list(islice(rows, LOOKAHEAD_LINES))
     base = _base([row[1] for row in first if len(row) > 1], "")
     for row in chain(first, rows):
         try:

@@ -7,17 +7,17 @@ import re
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 
-from twin.devices.akd.trace_files.frames import LOOKAHEAD, Notes, TracedFrame, classic_frame
+from twin.devices.akd.trace_files.frames import LOOKAHEAD_LINES, Notes, TracedFrame, classic_frame
 from twin.devices.akd.wire_values import BUS_ERROR, BUS_OFF, CONTROLLER
 
-_DAY = 86400.0
+_DAY_S = 86400.0
 """Seconds of a day."""
 _DAYS_TO_1970 = 25569
-"""Days from the beginning of PCAN's calendar to that of Unix."""
+"""Days from the beginning of PCAN's calendar to the beginning of the Unix calendar."""
 
 
 def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What Vector's tools write (.asc), with times from the start or from event to event."""
+    """Reader of Vector's tools (.asc), with times from the start or from event to event."""
     base, relative, passed = 16, False, 0.0
     for line in lines:
         if header := re.match(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(\w+))?", line, re.I):
@@ -86,7 +86,7 @@ def _asc_long(time: float, parts: list[str], base: int) -> TracedFrame | None:
     """A line of the longer form (CANFD), which classic frames may have as well.
 
     Channel, direction, identifier, a name that may be missing, BRS, ESI, DLC, length, data; then
-    the frame's duration, its bits and its flags, of which bit 12 says that it is a frame of CAN FD.
+    the frame's duration, its bits and its flags; bit 12 marks a frame of CAN FD.
     """
     channel, sent = f"{int(parts[0]) - 1}", parts[1].lower() == "tx"
     if parts[2].lower() == "errorframe":
@@ -111,19 +111,29 @@ _TRC_PLACES = {
     "1.3": {"B": 2, "T": 3, "I": 4, "L": 6},
 }
 """Places of bus, type, identifier and length in the lines of PCAN-View, by the version."""
+_TRC_COLUMNS = {
+    4: {"O": 1, "T": 2, "I": 3, "d": 4, "L": 5},
+    5: {"O": 1, "T": 2, "B": 3, "I": 4, "d": 5, "L": 7},
+}
+"""Places in the lines of versions 2.0 and 2.1, by that of the direction."""
+_TRC_DIRECTIONS = {"Rx", "Tx"}
 _TRC_DATA = {"Rx", "Tx", "DT", "RR"}
 _TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
 
 
 def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings."""
-    version, places, begin = "1.0", _TRC_PLACES["1.0"], 0.0
+    """Reader of PCAN-View (.trc), of any version, with its rows of errors and warnings.
+
+    Lines that were copied without the header have the form of one of the versions.
+    """
+    version, begin = "1.0", 0.0
+    places: dict[str, int] | None = None
     for line in lines:
         if line.lstrip().startswith(";"):
             key, __, value = line.strip().lstrip("; $").partition("=")
             if key == "FILEVERSION":
                 version = value.strip()
-                places = _TRC_PLACES.get(version, places)
+                places = _TRC_PLACES.get(version)
             elif key == "STARTTIME" and version != "1.0":
                 begin = _trc_begin(value, notes)
             elif key == "COLUMNS":
@@ -133,9 +143,24 @@ def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]
         if not line.strip():
             continue
         try:
-            yield from _trc_row(line.split(), places, begin)
+            parts = line.split()
+            yield from _trc_row(parts, places or _trc_places(parts), begin)
         except (IndexError, KeyError, ValueError):
             yield None
+
+
+def _trc_places(parts: list[str]) -> dict[str, int]:
+    """The places in a line without a header, by where its type or its direction stands."""
+    if not parts[0].endswith(")"):
+        for direction, places in _TRC_COLUMNS.items():
+            if parts[direction] in _TRC_DIRECTIONS:
+                return places
+        raise ValueError("no line of PCAN-View")
+    if parts[2] in _TRC_DIRECTIONS:
+        return _TRC_PLACES["1.1"]
+    if parts[3] in _TRC_DIRECTIONS:
+        return _TRC_PLACES["1.3" if parts[5] == "-" else "1.2"]
+    return _TRC_PLACES["1.0"]
 
 
 def _trc_begin(text: str, notes: Notes) -> float:
@@ -145,7 +170,7 @@ def _trc_begin(text: str, notes: Notes) -> float:
     except ValueError:
         day = math.nan
     if math.isfinite(day):
-        return (day - _DAYS_TO_1970) * _DAY
+        return (day - _DAYS_TO_1970) * _DAY_S
     notes.remarks.append("its beginning is no day: times count from it")
     return 0.0
 
@@ -195,9 +220,9 @@ _BUSMASTER_LINE = re.compile(
 
 
 def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """What BUSMASTER writes (.log); parts of a second may lack their leading zeros."""
+    """Reader of BUSMASTER (.log); parts of a second may lack their leading zeros."""
     rest = iter(lines)
-    first = list(islice(rest, LOOKAHEAD))
+    first = list(islice(rest, LOOKAHEAD_LINES))
     digits = [len(row[4]) for line in first if (row := _BUSMASTER_LINE.match(line))]
     parts = 10 ** max(digits, default=0)
     base, relative, passed, last = 16, False, 0.0, None
@@ -219,7 +244,7 @@ def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame |
         if relative or last is None:
             passed += time
         else:
-            passed += time - last + (_DAY if time < last - _DAY / 2 else 0.0)  # midnight
+            passed += time - last + (_DAY_S if time < last - _DAY_S / 2 else 0.0)  # midnight
         last = time
         try:
             given = bytes(int(each, base) for each in data.split()[: int(length)])
