@@ -164,6 +164,9 @@ class ControlStep(NamedTuple):
         further: Quantities that the observer estimates beyond the state, shape
             (..., len(observer.knows)).
         computing: ``HeldCommand.timing`` of laws with a computing time, shape (..., 2); else None.
+        board: Of a controller that is a program: the instructions that it took, NaN for none or if
+            it does not count them, and the accelerations that the one in Python requests for the
+            same measurement, rad/s^2, shape (..., 3); else None.
     """
 
     estimate: Array
@@ -171,6 +174,7 @@ class ControlStep(NamedTuple):
     rate: Array
     further: Array
     computing: Array | None = None
+    board: Array | None = None
 
 
 class Controller:

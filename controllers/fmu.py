@@ -130,7 +130,7 @@ class FmuProcess:
         with suppress(OSError):  # it has ended: its last output is still to be read
             if not self._asked:
                 self._asked = True
-                self._keep_up()
+                keep_up(self._process, self._reader)
             self._process.stdin.write(np.float64(time).tobytes() + given.tobytes())
             self._process.stdin.flush()
         answer = np.frombuffer(self._hear(self._law.time_limit))
@@ -149,12 +149,6 @@ class FmuProcess:
         """
         raise ValueError(f"{self._law.file} cannot be put back into a state")
 
-    def _keep_up(self) -> None:
-        """Let what answers a real-time loop come before ordinary processes, too, just after it."""
-        if sys.platform == "linux" and (priority := os.sched_getparam(0).sched_priority):
-            for each in (self._process.pid, self._reader.native_id or 0):
-                os.sched_setscheduler(each, os.SCHED_FIFO, os.sched_param(priority - 1))
-
     def _hear(self, seconds: float) -> bytes:
         try:
             answer = self._answers.get(timeout=seconds)
@@ -167,6 +161,13 @@ class FmuProcess:
 
     def _failed(self, why: str) -> AnswerError:
         return AnswerError(f"controller.file {self._law.file}: {why}")
+
+
+def keep_up(process: subprocess.Popen[bytes], reader: Thread) -> None:
+    """Let what answers a real-time loop come before ordinary processes, too, just after it."""
+    if sys.platform == "linux" and (priority := os.sched_getparam(0).sched_priority):
+        for each in (process.pid, reader.native_id or 0):
+            os.sched_setscheduler(each, os.SCHED_FIFO, os.sched_param(priority - 1))
 
 
 def _read(pipe: Any, size: int, answers: SimpleQueue[bytes]) -> None:

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from controllers import catalog as catalog_module
-from docs import code_lines, cure, cure_attacks, regenerate, tuned
+from docs import board, code_lines, cure, cure_attacks, regenerate, tuned
 from twin.cli import ballplate
 from twin.cli.runs import new
 from twin.run.finished import run
@@ -33,7 +33,7 @@ SHOWING = (
 """The pages whose commands change scenarios."""
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 WRITTEN = {
-    "board.md", "bus-node.md", "can-findings.md", "can-trace.md", "controller-fmu.md",
+    "bus-node.md", "can-findings.md", "can-trace.md", "controller-fmu.md",
     "explained.md", "extending.md", "fit.md", "from-matlab.md",
     "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md",
     "run.md", "see.md", "simulink.md", "solvers.md", "studies.md", "thesis.md", "tune.md",
@@ -230,6 +230,25 @@ def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command():
     left = here - set(made)
     makers = {each for each in left if each.suffix in {".py", ".toml"} or ".template." in each.name}
     assert left - makers == {docs / name for name in WRITTEN}
+
+
+def test_cycles_of_a_processor_are_those_of_its_manual():
+    """One period of five instructions, as the manual counts them: 1, 14, 1 + 2, 1 + P, 1."""
+    names = (("adds", ""), ("vdiv", ""), ("push", "{r4, lr}"), ("bne", ""), ("vmulgt", ""))
+    known = {
+        2 * place: board.Instruction(name, board.count_registers(what), 2, "step")
+        for place, (name, what) in enumerate(names)
+    }
+    for after, jump in ((8, 0), (100, 1)):
+        known[100] = known[8]
+        passed = [0, 2, 4, 6, after, after + 2]
+        least, most = (5 * each for each in board.cycles(passed, known))
+        assert least == pytest.approx(1 + 14 + 3 + 1 + jump + 1)
+        assert most == pytest.approx(1 + 15 + 3 + 1 + 3 * jump + 2)
+    assert board.count_registers("{r4, s16-s20, pc}") == 7
+    known[2] = known[2]._replace(name="sha256h")
+    with pytest.raises(ValueError, match=r"no cycles of sha256h"):
+        board.cycles([0, 2, 4], known)
 
 
 def test_no_page_is_longer_than_250_lines():

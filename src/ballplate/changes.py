@@ -65,6 +65,8 @@ class Changes(TypedDict, total=False):
     """The observer and its settings."""
     predictor: Table | None
     """The Smith predictor; None for none."""
+    board: Table | None
+    """The processor that has the controller; None for Python on this one."""
     reference: Table | str | Reference | type[Reference]
     """The path of the ball and its settings."""
     metrics: Table

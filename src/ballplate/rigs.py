@@ -409,7 +409,7 @@ def controller_fmu(
     """
     path = _check_ending(file)
     chosen = _with_symbols(scenario, changes_of(settings, changes), real, "controller_fmu")
-    from twin.board.fmu import export_fmu
+    from twin.fmu.controller import export_fmu
 
     lacking = export_fmu(path, chosen, fmi=fmi, real=real, reference_inputs=reference_inputs)
     if lacking:
@@ -466,13 +466,13 @@ def controller_source(
         >>> import ballplate as bp
         >>> folder = bp.controller_source("hold", "board.c", duration=0.2)
         >>> sorted(file.name for file in folder.iterdir())
-        ['README.md', 'board.c', 'board.h', 'reference_run.csv', 'test_board.c']
+        ['README.md', 'board.c', 'board.h', 'cortex-m4', 'reference_run.csv', 'test_board.c']
     """
     path = Path(file)
     if path.suffix != ".c":
         raise RecordError(f"{path}: a controller's file must end in .c")
     chosen = _with_symbols(scenario, changes_of(settings, changes), real, "controller_source")
-    from twin.board.export import export
+    from twin.run.controller_source import export
 
     return export(path, chosen, real=real)
 

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
 CLEAN_LABEL = "clean model"
 """The same controller on the frictionless equations (5.9) it was designed on."""
+PYTHON_LABEL = "Python"
+"""The run of the controller in Python, shown with that of a program."""
 WORTH_PROCESS = 5.0
 """Simulated seconds from which a process of its own saves time."""
 Attach = Callable[["Recorder"], None]
@@ -58,6 +60,8 @@ def run(
     **changes: Unpack[Changes],
 ) -> Result:
     """Run a scenario, and the clean model as well if the scenario compares with it.
+
+    If the controller is a program, ``board``, the one in Python is run as well, simulated.
 
     ``run("circle", controller={"kind": "lqr"}, duration=12)`` and ``ballplate run circle --set
     controller.kind=lqr --set duration=12`` give the same record, bit for bit. Ctrl-C ends the run
@@ -97,6 +101,8 @@ def run(
         find(str(name))
     chosen = scenario_of(scenario, changed)
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
+    if chosen.board is not None:
+        further = {PYTHON_LABEL: chosen.model_copy(update={"board": None})} | further
     from ballplate.results import Result, recorded
     from twin.base.jobs import SecondProcess, cores
     from twin.run.assemble import PLANTS

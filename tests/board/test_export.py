@@ -1,4 +1,4 @@
-"""`twin.board.export`.
+"""`twin.board.source`.
 
 The C controller against the Python one, period by period."""
 
@@ -20,9 +20,9 @@ from board_source import (
 from click.testing import CliRunner
 
 import ballplate as bp
-from twin.board.export import export
 from twin.cli.runs import export as export_command
 from twin.run.assemble import assemble
+from twin.run.controller_source import export
 
 LAWS = {
     "pole_placement": "luenberger",
@@ -120,7 +120,8 @@ def test_the_command_writes_a_folder(tmp_path):
     done = CliRunner().invoke(export_command, ["hold", str(file), "--real", "float", *short])
     assert done.exit_code == 0, done.output
     names = {each.name for each in (tmp_path / "plate").iterdir()}
-    assert names == {"README.md", "plate.c", "plate.h", "test_plate.c", "reference_run.csv"}
+    files = {"README.md", "plate.c", "plate.h", "test_plate.c", "reference_run.csv"}
+    assert names == files | {"cortex-m4"}
     assert "typedef float plate_real;" in (tmp_path / "plate" / "plate.h").read_text("utf-8")
 
 

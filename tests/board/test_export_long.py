@@ -1,4 +1,4 @@
-"""`twin.board.export`: every law with every observer over a whole run, and broken C source."""
+"""`twin.board.source`: every law with every observer over a whole run, and broken C source."""
 
 import re
 
@@ -13,8 +13,8 @@ from board_source import (
     single_roundings,
 )
 
-from twin.board.export import export
 from twin.board.trace import LAWS, OBSERVERS
+from twin.run.controller_source import export
 
 pytestmark = pytest.mark.long
 

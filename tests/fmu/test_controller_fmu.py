@@ -1,4 +1,4 @@
-"""`twin.board.fmu`.
+"""`twin.fmu.controller`.
 
 A scenario's controller as an FMU: alone, with the rig's FMU, and as a law of the loop."""
 
@@ -18,9 +18,9 @@ from fmu_pair import MEASURED, RATES, Unit, coupled
 import ballplate as bp
 from controllers.fmu import FMU_INPUT_NAMES, FmuLaw
 from twin.base.errors import RecordError, ScenarioError
-from twin.board.export import sources
+from twin.board.source import sources
 from twin.cli import ballplate as command
-from twin.run.assemble import assemble
+from twin.run.assemble import assemble, control_of
 
 SILENT = {"sensors.touch.variance": [0.0, 0.0], "sensors.encoders.variance": [0.0, 0.0]}
 OFF_CENTRE = {"plant.start.x": 0.05, "plant.start.y": 0.03, "duration": 0.4}
@@ -80,7 +80,7 @@ def test_fmpy_accepts_it_and_finds_the_commands_of_python(controllers, fmi):
 
 
 def test_within_is_the_c_source_that_is_exported_for_boards(controllers):
-    expected = sources("controller", exact("circle", **under(settings())), "double")
+    expected = sources("controller", control_of(exact("circle", **under(settings()))), "double")
     with zipfile.ZipFile(controllers()) as archive:
         for name in ("controller.c", "controller.h"):
             found, wanted = archive.read(f"sources/{name}").decode(), expected[name]

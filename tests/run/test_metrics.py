@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.run.files import INDICATOR_UNITS
+from twin.run.files import BOARD_INDICATORS, INDICATOR_UNITS
 from twin.run.metrics import Ending, Motion, Outcome, find_rest, measure, tracking_error
 
 DONE = Outcome(Ending.FINISHED, 10.0)
@@ -141,6 +141,7 @@ def test_every_indicator_has_a_unit():
         "judged_from",
         "late_percent",
         "real_time_factor",
+        *BOARD_INDICATORS,  # of a controller that is a program
     }
 
 

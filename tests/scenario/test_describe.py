@@ -45,13 +45,18 @@ def test_every_key_says_what_it_means_and_in_which_unit():
 
 def test_every_key_that_a_scenario_has_is_described():
     ball = {"kind": "nominal", "mass": 0.1, "radius": 0.02, "inertia": 1e-5, "height": 0.1}
-    tables = {**TABLES, "predictor": {}, "controller": {**TABLES["controller"], "model": ball}}
+    tables = {
+        **TABLES,
+        "predictor": {},
+        "board": {},
+        "controller": {**TABLES["controller"], "model": ball},
+    }
     whole = check(tables, "test").model_dump(mode="json")
     assert flat(whole).keys() == {key.key for key in find_keys()}
 
 
 def test_the_described_defaults_are_those_of_a_scenario():
-    scenario = check({**TABLES, "predictor": {}}, "test")
+    scenario = check({**TABLES, "predictor": {}, "board": {}}, "test")
     for key in find_keys():
         if not key.required:
             value = value_of(scenario, key.key)

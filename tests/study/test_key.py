@@ -75,8 +75,9 @@ BESIDE = {
     "base/writing",
     "run/files",
     "scenario/__init__",
+    "scenario/describe",
 }
-"""Modules of ``twin`` that find, read, refuse and write files."""
+"""Modules of ``twin`` that find, read, refuse and write files, and words of comments."""
 
 
 def test_all_that_a_run_imports_is_in_the_key_but_what_reads_its_files():

@@ -239,4 +239,6 @@ def digits(value: Any, unit: str = "", places: int = 4) -> str:
         return "-"
     if isinstance(value, str):
         return value
+    if isinstance(value, int):
+        return str(value)
     return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.{places}g}"

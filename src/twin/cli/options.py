@@ -174,11 +174,11 @@ def _nothing_else(context: click.Context, option: click.Parameter, value: object
 def _settings(
     context: click.Context, __: click.Parameter, values: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """The settings with ``--plant`` and ``--on``; a key given twice means nobody knows which."""
+    """The settings and what options set; a key given twice means nobody knows which."""
     keys = [text.partition("=")[0].strip() for text in values]
     if twice := [key for key in keys if keys.count(key) > 1]:
         raise ScenarioError(f"--set {twice[0]}: given {keys.count(twice[0])} times; give it once")
-    for option, key in (("plant", "plant.kind"), ("on", "parameters")):
+    for option, key in (("plant", "plant.kind"), ("on", "parameters"), ("board", "board.program")):
         if (chosen := context.meta.get(option)) is not None:
             values = (*values, f"{key}={chosen}")
     return values
@@ -240,6 +240,15 @@ PLANT_OPTION = click.option(
     is_eager=True,
     callback=_note,
     help="Simulate the mechanism, or the exact equations.",
+)
+BOARD_OPTION = click.option(
+    "--board",
+    metavar="PROCESSOR",
+    expose_value=False,
+    is_eager=True,
+    callback=_note,
+    help="Run the controller as C code on an emulated processor, cortex-m4, or on this computer, "
+    "host; or as the program FILE.elf.",
 )
 PROCESSES_OPTION = click.option(
     "--processes", "-j", type=click.IntRange(min=1), help="Processors to use [all]."

@@ -49,6 +49,7 @@ def list_scenarios() -> None:
 @options.LAW_OPTION
 @options.SETTING
 @options.PLANT_OPTION
+@options.BOARD_OPTION
 @click.option("--out", type=options.PATH_TYPE, help="Run folder [runs/SCENARIO-CHANGES].")
 @click.option(
     "--beside",
@@ -164,6 +165,7 @@ def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
 @options.LAW_OPTION
 @options.SETTING
 @options.PLANT_OPTION
+@options.BOARD_OPTION
 @options.WITH_OPTION
 @options.VARY_OPTION
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/compare-SOURCES-CHANGES].")

@@ -52,6 +52,9 @@ from twin.sim.sensors import EncoderModel, TouchModel
 if TYPE_CHECKING:
     from mujoco import MjModel
 
+    from twin.board.control import Control
+    from twin.board.controller import Board
+
 
 def build_plant(
     scenarios: Sequence[Scenario], *, threads: int = 0, as_alone: bool | None = None
@@ -475,13 +478,52 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
             needed_columns(law, observer)
         except ValueError as error:
             raise ScenarioError(f"controller: {error}") from error
+    parts: tuple[ControlLaw, Observer, Reference, float]
     if len(scenarios) == 1:
-        return Controller(laws[0], observers[0], references[0], period)
-    return Controller(
-        laws[0] if len(set(map(id, laws))) == 1 else PerRigLaw(laws),
-        observers[0] if len(set(map(id, observers))) == 1 else PerRigObserver(observers),
-        PerRigReference(references, period),
-        period,
+        parts = laws[0], observers[0], references[0], period
+    else:
+        parts = (
+            laws[0] if len(set(map(id, laws))) == 1 else PerRigLaw(laws),
+            observers[0] if len(set(map(id, observers))) == 1 else PerRigObserver(observers),
+            PerRigReference(references, period),
+            period,
+        )
+    if all(each.board is None for each in scenarios):
+        return Controller(*parts)
+    from twin.board.controller import BoardController  # noqa: PLC0415  loaded when needed
+
+    return BoardController(*parts, [_board(each) for each in scenarios])
+
+
+def _board(scenario: Scenario) -> Board:
+    """The board of a scenario.
+
+    Raises:
+        ScenarioError: If it has none.
+    """
+    from twin.board.controller import Board  # noqa: PLC0415  loaded when needed
+
+    if scenario.board is None:
+        raise ScenarioError("board: rigs that run side by side all have one, or none has")
+    return Board(**dict(scenario.board), control=partial(control_of, scenario))
+
+
+def control_of(scenario: Scenario) -> Control:
+    """What the controller of a scenario in C is made of.
+
+    Raises:
+        ScenarioError: If its law, observer or reference refuses its settings.
+    """
+    from twin.board.control import Control  # noqa: PLC0415  loaded when needed
+
+    return Control(
+        scenario.title,
+        build_law(scenario),
+        _observer(scenario),
+        build_reference(scenario),
+        build_limits(scenario),
+        scenario.rig.period,
+        scenario.duration,
     )
 
 

@@ -320,10 +320,12 @@ INDICATORS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("indi
 """Every indicator with ``unit``, ``words`` and the unit it is ``printed`` with."""
 INDICATOR_UNITS = {name: about["unit"] for name, about in INDICATORS.items() if "unit" in about}
 """Unit of every indicator as JSON has it."""
+BOARD_INDICATORS = ("command_difference", "instructions_median", "instructions_max")
+"""Those that a run has only if its controller is a program."""
 MOTION_INDICATORS = tuple(
     name
     for name in INDICATORS
-    if name not in {"outcome", "outcome_time", "judged_from", "real_time_factor"}
+    if name not in {"outcome", "outcome_time", "judged_from", "real_time_factor", *BOARD_INDICATORS}
 )
 """Indicators that evaluate a motion."""
 LOST_ENDINGS = ("fell", "lost", "diverged")

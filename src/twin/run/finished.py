@@ -36,6 +36,7 @@ from twin.run.metrics import (
     Ending,
     Motion,
     Outcome,
+    against_python,
     find_rest,
     measure,
 )
@@ -191,7 +192,9 @@ class Run(files.Signals):
         driven = {"driven": self.driven} if made and self.driven else {}
         numbers = {"scenario": self.scenario.title, **self.metrics, **made}
         lacks = {"incomplete": list(self.incomplete)} if self.incomplete else {}
-        return numbers | {"units": files.INDICATOR_UNITS, **self.account, **driven, **lacks}
+        absent = set(files.BOARD_INDICATORS) - numbers.keys()
+        units = {k: unit for k, unit in files.INDICATOR_UNITS.items() if k not in absent}
+        return numbers | {"units": units, **self.account, **driven, **lacks}
 
     @cached_property
     def followed(self) -> Reference:
@@ -269,6 +272,15 @@ class Run(files.Signals):
         applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
         time = self.rows["time"]
         known = "true_x" in self.rows and always_friction(self.scenario)
+        board = None
+        if CHANNELS["board"].columns[0] in self.rows:
+            of_board, requested = (
+                np.stack([self.rows[name] for name in CHANNELS[kind].columns], axis=1)
+                for kind in ("board", "requested")
+            )
+            board = against_python(
+                of_board, requested, self.rows["supervisor"], self.scenario.rig.period
+            )
         return Motion(
             time=time,
             ball=state[:, 0::4],
@@ -277,6 +289,7 @@ class Run(files.Signals):
             reference=self.followed(time)[0],
             held=find_rest(time, state[:, 1::4]) if known else None,
             lateness=self.rows.get("command_lateness"),
+            board=board,
         )
 
 
@@ -494,7 +507,16 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
-_OPTIONAL_CHANNELS = {"state", "age", "touched", "timing", "computing", "reference", "laid"}
+_OPTIONAL_CHANNELS = {
+    "state",
+    "age",
+    "touched",
+    "timing",
+    "computing",
+    "board",
+    "reference",
+    "laid",
+}
 RECORD_COLUMNS_NEEDED = (
     "time",
     *(

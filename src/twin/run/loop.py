@@ -120,6 +120,7 @@ def record_and_wait(
     applied: Array,
     further: Array,
     computing: Array | None = None,
+    board: Array | None = None,
 ) -> Measurement:
     """Record a control period after its rate was written, and wait for the next.
 
@@ -132,6 +133,7 @@ def record_and_wait(
         applied: Those that came of it, shape (N, 2).
         further: What was estimated beyond the state, shape (N, k).
         computing: How long the command is computed and how late it is, s, shape (N, 2).
+        board: Of a controller that is a program, see ``ControlStep``, shape (N, 3).
 
     Returns:
         The measurement that begins the next.
@@ -149,6 +151,8 @@ def record_and_wait(
         channels["further"] = further
     if computing is not None:
         channels["computing"] = computing
+    if board is not None:
+        channels["board"] = board
     recorder.append(measurement.time, channels | rig.telemetry())
     rig.wait()
     return rig.read()
@@ -254,6 +258,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
         "sloping": surface is not None and surface.sloping,
         "patches": surface is not None,
         "change": [change.model_dump() for change in scenario.change],
+        "board": scenario.board is not None,
     }
 
 
@@ -278,7 +283,7 @@ def simulate(
     batch = [scenarios[i] for i in order]
     rig, controller = assemble.assemble(batch, threads=1, unseen=True, as_alone=False)
     ticks = round(first.duration / first.rig.period)
-    late = [bool(scenario.controller.computing_time) for scenario in scenarios]
+    late = [scenario.takes_time for scenario in scenarios]
     record = Recorder(
         ticks,
         len(order),
@@ -286,7 +291,8 @@ def simulate(
         keep=(
             *(("estimate", "measured", "applied") if seen else ("state", "applied")),
             *(["computing"] if any(late) else ()),
-            *(["requested"] if requested is not None else ()),
+            *(["requested", "supervisor", "board"] if first.board is not None else ()),
+            *(["requested"] if requested is not None and first.board is None else ()),
         ),
         every=SEEN_EVERY if seen else 1,
     )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
+from twin.hal.supervisor import State
 from twin.run.files import LOST_ENDINGS, MOTION_INDICATORS
 from twin.run.record import Recorder
 
@@ -73,6 +74,8 @@ class Motion:
         held: Where friction held the ball at rest, shape (K,); None where nobody knows.
         lateness: By how much the applied command was late, s, shape (K,); None of a law that takes
             no time.
+        board: Of a controller that is a program: its instructions, and the largest difference of
+            its requested plate rates from those of Python, rad/s, shape (K, 2); else None.
     """
 
     time: Array
@@ -82,6 +85,7 @@ class Motion:
     reference: Array
     held: Mask | None = None
     lateness: Array | None = None
+    board: Array | None = None
 
     @classmethod
     def of(
@@ -113,6 +117,14 @@ class Motion:
             reference=desired,
             held=find_rest(record.time, state[:, 1::4]) if known and friction else None,
             lateness=record["computing"][:, rig, 1] if "computing" in record.data else None,
+            board=None
+            if "board" not in record.data
+            else against_python(
+                record["board"][:, rig],
+                record["requested"][:, rig],
+                record["supervisor"][:, rig, 0],
+                record.period,
+            ),
         )
 
     @property
@@ -133,7 +145,26 @@ class Motion:
             reference=self.reference[:count],
             held=None if self.held is None else self.held[:count],
             lateness=None if self.lateness is None else self.lateness[:count],
+            board=None if self.board is None else self.board[:count],
         )
+
+
+def against_python(board: Array, requested: Array, supervisor: Array, period: float) -> Array:
+    """Instructions of a program, and the largest difference of its commands, shape (K, 2).
+
+    Both controllers add a period of their acceleration to the same rate, so that the requested
+    rates differ by a period of the difference. While the supervisor levels the plate, which the
+    program is not informed of, there is none: NaN.
+
+    Args:
+        board: The channel ``board``, shape (K, 3).
+        requested: Accelerations that the program requested, rad/s^2, shape (K, 2).
+        supervisor: Its state, shape (K,).
+        period: Control period in s.
+    """
+    difference = period * np.abs(requested - board[:, 1:]).max(axis=1)
+    found = np.where(supervisor == State.RUNNING, difference, np.nan)
+    return np.stack([board[:, 0], found], axis=1)
 
 
 def measure(
@@ -154,7 +185,7 @@ def measure(
         For a constant goal, on x: ``overshoot_percent`` of the way to it, ``settling_time`` from
         which on the ball stays in the band, ``steady_error`` at the end. Of the plate: its largest
         angles, also after a stop, its largest applied accelerations ``u1_max`` and ``u2_max``, and
-        their RMS.
+        their RMS. Of a controller that is a program, besides, ``BOARD_INDICATORS``.
     """
     ending = outcome_only(outcome)
     if len(motion.time) == 0:
@@ -175,6 +206,12 @@ def measure(
     }
     if motion.lateness is not None:
         found["late_percent"] = 100 * float((motion.lateness > 0).mean())
+    if motion.board is not None:
+        counted = motion.board[np.isfinite(motion.board[:, 0]), 0]
+        found["command_difference"] = float(np.fmax.reduce(motion.board[:, 1]))
+        if len(counted):
+            found["instructions_median"] = round(float(np.median(counted)))
+            found["instructions_max"] = round(float(counted.max()))
     if outcome.ending.value in LOST_ENDINGS:
         return ending | _finite(found)
     along = error[:, 0]

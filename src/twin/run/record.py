@@ -51,7 +51,8 @@ CHANNELS = {
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
 ``computing`` if the law has a computing time: the time of a command that was begun, else NaN, and
 the time by which the measurement behind the applied command is older than the law's period
-explains; ``reference`` if it is not part of this program, ``laid`` for times where the law follows
+explains; ``board`` if the controller is a program: its instructions, and what Python requests;
+``reference`` if it is not part of this program, ``laid`` for times where the law follows
 a different path because the plate cannot give the reference, else NaN."""
 
 

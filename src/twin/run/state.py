@@ -116,7 +116,9 @@ def restore(thing: Any, node: InPlace) -> None:
         name, content = content
         if name != type(thing).__name__:
             own = type(thing).__name__
-            raise SnapshotError(f"the snapshot has {name} where this rig has {own}")
+            raise SnapshotError(
+                f"the snapshot is not of such a rig: it has {name} where this rig has {own}"
+            )
     try:
         if kind == "rng":
             thing.bit_generator.state = content
@@ -127,6 +129,8 @@ def restore(thing: Any, node: InPlace) -> None:
                 restore(getattr(thing, name) if kind == "object" else thing[name], child)
             else:
                 setattr(thing, name, _like(getattr(thing, name, None), deepcopy(child)))
+    except SnapshotError:  # of something within
+        raise
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise SnapshotError(f"the snapshot is not of such a rig: {error}") from error
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from twin.base.page import Table, digits
-from twin.run.files import INDICATORS
+from twin.run.files import BOARD_INDICATORS, INDICATORS
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -20,7 +20,7 @@ INDICATOR_LABELS = {name: label for name, label in _ALL_LABELS.items() if name n
 
 FIRST_LABELS = {name: INDICATOR_LABELS[name] for name in (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
-    "late_percent",
+    "late_percent", *BOARD_INDICATORS,
 )}  # fmt: skip
 """Indicators that are printed first, for a reference that moves and for one that comes to rest."""
 ORDERED_LABELS = FIRST_LABELS | _ALL_LABELS

@@ -56,13 +56,13 @@ def batch_key(scenario: Scenario) -> str | None:
     """Settings that runs must share to share a batch; None for a run that shares none.
 
     A run shares none if its bits could differ there: a plant, law, observer or reference from
-    outside this program may round differently for several rigs, and a law with a period or a
-    computing time of its own has channels that others lack.
+    outside this program may round differently for several rigs; a law with a period or a computing
+    time of its own has channels that others lack, and so has a controller that is a program.
     """
     choice = scenario.controller
     if assemble.PLANTS[scenario.plant.kind].as_alone is None or choice.kind in ALONE_KINDS:
         return None
-    if choice.computing_time or scenario.law_ticks > 1 or is_foreign(scenario):
+    if scenario.takes_time or scenario.board or scenario.law_ticks > 1 or is_foreign(scenario):
         return None
     law = cast("type[Law]", choices("controller")[choice.kind])
     known = {**alike(scenario), "needs": law.needs}

@@ -129,8 +129,8 @@ def clean(scenario: Scenario) -> Scenario:
 
     Nothing a scenario may say of its rig is left but the ball and the plate's height that the
     designer knows, where the ball starts, the plate's size, control period and limits: no friction,
-    tilt or mechanism, no dead time, quantisation or noise, no computing time, and no predictor,
-    which has nothing to predict.
+    tilt or mechanism, no dead time, quantisation or noise, no computing time, no board, and no
+    predictor, which has nothing to predict.
     """
     known = scenario.designed_on
     none = (0.0, 0.0)
@@ -160,7 +160,7 @@ def clean(scenario: Scenario) -> Scenario:
         for name, table in tables_of.items()
     }
     prompt = scenario.without_computing_time
-    return prompt.model_copy(update={**tables, "predictor": None, "change": ()})
+    return prompt.model_copy(update={**tables, "predictor": None, "board": None, "change": ()})
 
 
 Tables = dict[str, Any]

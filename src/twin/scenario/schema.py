@@ -619,6 +619,34 @@ class Predictor(Section):
     knows how old each frame is."""
 
 
+class Board(Section):
+    """The processor that has the controller; without the table Python has it."""
+
+    program: str = "cortex-m4"
+    """What has the controller: cortex-m4 for its C code on an emulated Cortex-M4F, host for its C
+    code on this computer, or the file of a program, an .elf for that emulated processor and any
+    other for this computer."""
+    real: Literal["float", "double"] = "float"
+    """Type of the numbers in its C code."""
+    clock_hz: Positive | None = None
+    """Clock of the processor in Hz, from which a command's computing time follows; without one it
+    takes none. A command that takes longer than rig.period is applied that many periods later; the
+    plate rate before is held meanwhile."""
+    cycles_per_instruction: tuple[Positive, Positive] = (1.1, 2.2)
+    """Least and most clock cycles that an instruction takes on average, by default those of a
+    Cortex-M4F without wait states; the computing time is that of the most."""
+    time_limit: Positive = 10.0
+    """Longest time in s that the program may take for an answer, of this computer's time; on a rig
+    in real time at most 0.04."""
+
+    def problem(self) -> str:
+        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        least, most = self.cycles_per_instruction
+        if least > most:
+            return f"board.cycles_per_instruction: the least is {least:g}, the most {most:g}"
+        return ""
+
+
 class Dimensions(NamedTuple):
     """What is drawn of a plate from above.
 
@@ -663,6 +691,7 @@ class Scenario(Section):
     controller: ControllerChoice
     observer: ObserverChoice = ObserverChoice()
     predictor: Predictor | None = None
+    board: Board | None = None
     reference: Choice
     metrics: MetricsTable = MetricsTable()
 
@@ -698,6 +727,8 @@ class Scenario(Section):
             other = OTHER_ENGINE[kind]
             remedy = "" if key in LEFT_OUT[other] else f"; set plant.kind={other}"
             yield f"{key}: {PARTS[ENGINES[kind]]} {LEFT_OUT[kind][key]}{remedy}"
+        if self.board is not None and (problem := self.board.problem()):
+            yield problem
         if problem := self.plant.problem():
             yield problem
         yield from self._transmission_problems()
@@ -771,15 +802,25 @@ class Scenario(Section):
     def without_computing_time(self) -> Scenario:
         """The same with a law that computes in no time."""
         controller = self.controller.model_copy(update={"computing_time": 0.0})
-        return self.model_copy(update={"controller": controller})
+        board = self.board and self.board.model_copy(update={"clock_hz": None})
+        return self.model_copy(update={"controller": controller, "board": board})
+
+    @property
+    def takes_time(self) -> bool:
+        """Whether its commands are computed in a time that acts."""
+        clocked = self.board is not None and self.board.clock_hz is not None
+        return bool(self.controller.computing_time) or clocked
 
     @property
     def in_real_time(self) -> Scenario:
-        """The same where time passes by itself, and an FMU is given up before the drives stop."""
+        """The same where time passes by itself, and what answers is given up before drives stop."""
+        found = self.without_computing_time
         limit = min(MAX_ANSWER_TIME_S, getattr(self.controller, "time_limit", MAX_ANSWER_TIME_S))
-        given: dict[str, float] = {"computing_time": 0.0}
-        given |= {"time_limit": limit} if self.controller.kind == "fmu" else {}
-        return self.model_copy(update={"controller": self.controller.model_copy(update=given)})
+        given = {"time_limit": limit} if self.controller.kind == "fmu" else {}
+        controller = found.controller.model_copy(update=given)
+        least = found.board and min(MAX_ANSWER_TIME_S, found.board.time_limit)
+        board = found.board and found.board.model_copy(update={"time_limit": least})
+        return found.model_copy(update={"controller": controller, "board": board})
 
 
 CATALOG_TABLES: dict[str, type[Law] | type[Observer] | type[Reference]] = {

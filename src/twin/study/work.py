@@ -444,7 +444,8 @@ def sources() -> list[Path]:
     """The files that a simulated run executes or reads."""
     twin, laws = Path(str(files("twin"))), Path(controllers.__file__).parent
     found = [path for path in laws.rglob("*.py") if path.stem != "analysis"]
-    found += [path for room in ("sim", "hal") for path in (twin / room).rglob("*.py")]
+    found += [path for room in ("sim", "hal", "board") for path in (twin / room).rglob("*.py")]
+    found += (twin / "board" / "templates").iterdir()
     found += [twin / "run" / f"{name}.py" for name in RUN_MODULES]
     found += [twin / "scenario" / f"{name}.py" for name in SCENARIO_MODULES]
     found += [twin / "run" / f"{name}.toml" for name in ("channels", "indicators")]

@@ -1,4 +1,4 @@
-"""The controller of a scenario as a folder of C source, with a test and a reference run.
+"""A controller as C source, with a test program.
 
 1.  The law, the observer and the clamp are the Python code itself, run once on symbols
     (``trace``); numpy passes every function of an array of symbols to CasADi (``symbols``).
@@ -14,53 +14,40 @@
 7.  The reference is an argument of each period; the scenario's own is exported where it has a form.
 8.  Whatever has no form is refused by ``check_exportable`` or ``sources`` in one line.
 9.  ``test_NAME.c`` replays a run of the twin, ``reference_run.csv``, through the C code.
-10. No board has been flashed with it: the comparison is made on a PC.
+10. ``cortex-m4/board.c`` makes it a program that answers measurements (``protocol``), for an
+    emulated Cortex-M4 or this computer.
+11. No board has been flashed with it.
 """
 
 from __future__ import annotations
 
 import math
-import re
 import textwrap
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from controllers.arrays import Array
 from controllers.controller import HeldLaw, Smith
 from controllers.interfaces import Law
 from controllers.references import closed_form
-from twin.base.errors import RecordError, ScenarioError
-from twin.base.writing import write_whole
+from twin.base.errors import ScenarioError
 from twin.board.c_code import REALS, number
+from twin.board.control import Control
 from twin.board.footprint import measure_footprint
+from twin.board.program import INSTRUCTION_SHIFT, build_command
+from twin.board.protocol import ANSWERED, MEASURED, VERSION
 from twin.board.trace import check_exportable, trace
 from twin.hal.supervisor import BALL_LOST_AFTER_S
-from twin.run.assemble import (
-    assemble,
-    build_controller,
-    build_limits,
-    build_reference,
-    own_errors,
-)
-from twin.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
+BOARD = "cortex-m4"
+"""The folder with what makes the controller a program of an emulated board."""
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
-NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,40}")
-"""Names of the C file without its ending, which begin the names in C."""
-RESERVED_NAMES = frozenset({
-    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else",
-    "enum", "extern", "float", "for", "goto", "if", "inline", "int", "long", "register",
-    "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef",
-    "union", "unsigned", "void", "volatile", "while", "math", "stdio", "stdlib",
-})  # fmt: skip
-"""Keywords of C99, and headers that the sources include."""
 MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-2}
 """Largest difference of a commanded rate from that of the Python code, by the type of numbers."""
 NUMBER_BYTES = {"double": 8, "float": 4}
@@ -70,52 +57,28 @@ MAX_REFERENCE_DIFFERENCE = {"double": 1e-9, "float": 1e-3}
 m to m/s^4 where these are below 1."""
 
 
-def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
-    """Write the controller of a scenario as C99 source into a folder.
-
-    Args:
-        file: Name of the C file, ``FOLDER/NAME.c``; the folder ``FOLDER/NAME`` is written.
-        scenario: The scenario; its run is the reference run.
-        real: Type of numbers, ``double`` or ``float``.
-
-    Returns:
-        The folder.
-
-    Raises:
-        TwinError: If the name is no name in C, the controller has no form in C, or the folder
-            cannot be written.
-    """
-    name = file.stem
-    if not NAME_PATTERN.fullmatch(name) or name in RESERVED_NAMES:
-        raise RecordError(f"{file}: names in C begin with the name: a-z, 0-9 and _, no keyword")
-    texts = sources(name, scenario, real)
-    run = reference_run(scenario, scenario.duration)
-    texts["reference_run.csv"] = run.to_csv(index=False, lineterminator="\n")
-    folder = file.with_suffix("")
-    for each, text in texts.items():
-        write_whole(folder / each, text)
-    return folder
-
-
-def sources(name: str, scenario: Scenario, real: str) -> dict[str, str]:
-    """A scenario's controller in C with its test and README, by the names of their files.
+def sources(name: str, control: Control, real: str) -> dict[str, str]:
+    """A controller in C with its test and README, by the names of their files.
 
     Args:
         name: What the names of files and functions begin with.
-        scenario: The scenario.
+        control: The controller.
         real: ``double`` or ``float``.
 
     Raises:
         ScenarioError: If the controller has no form in C.
     """
-    given = controller_parts(name, scenario, real)
+    given = controller_parts(name, control, real)
     found = controller_sources(given)
     found[f"test_{name}.c"] = _render("test.c.j2", real, given)
+    for each in ("board.c", "board.ld"):
+        found[f"{BOARD}/{each}"] = _render(f"{each}.j2", real, given)
     ring, states, memory = (given[each] for each in ("ring", "states", "memory"))
     given |= {
         "footprint": measure_footprint(name, found),
         "ram_bytes": NUMBER_BYTES[real] * (states + memory + 4 + 2 * ring) + 8,
         "ball_lost": BALL_LOST_AFTER_S,
+        "build": build_command(BOARD, name),
     }
     return found | {"README.md": _render("README.md.j2", real, given)}
 
@@ -128,19 +91,18 @@ def controller_sources(given: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def controller_parts(name: str, scenario: Scenario, real: str) -> dict[str, Any]:
-    """What the templates need of a scenario's controller.
+def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
+    """What the templates need of a controller.
 
     Args:
         name: What the names of files and functions begin with.
-        scenario: The scenario.
+        control: The controller.
         real: ``double`` or ``float``.
 
     Raises:
         ScenarioError: If the controller has no form in C.
     """
-    controller = build_controller(scenario)
-    law, observer = controller.law, controller.observer
+    law, observer = control.law, control.observer
     if isinstance(law, HeldLaw):
         raise ScenarioError(
             "controller: a law with a period or computing time of its own has no form in C; "
@@ -148,15 +110,15 @@ def controller_parts(name: str, scenario: Scenario, real: str) -> dict[str, Any]
         )
     check_exportable(law, observer)
     assert isinstance(law, Law)
-    period = scenario.rig.period
+    period = control.period
     smith = observer if isinstance(observer, Smith) else None
     inner = observer if smith is None else smith.observer
-    traced = trace(law, inner, build_limits(scenario), period, real)
+    traced = trace(law, inner, control.limits, period, real)
     return {
         **traced._asdict(),
         "name": name,
         "guard": name.upper(),
-        "title": scenario.title,
+        "title": control.title,
         "law": law.name,
         "observer": inner.name,
         "period": period,
@@ -167,15 +129,19 @@ def controller_parts(name: str, scenario: Scenario, real: str) -> dict[str, Any]
         "longest_wait": Smith.longest_wait,
         "limit": f"{MAX_DIFFERENCE_RAD_S[real]:g}",
         "reference_limit": f"{MAX_REFERENCE_DIFFERENCE[real]:g}",
-        **reference_parts(scenario),
+        "version": VERSION,
+        "measured": MEASURED,
+        "answered": ANSWERED,
+        "shift": INSTRUCTION_SHIFT,
+        **reference_parts(control),
     }
 
 
-def reference_parts(scenario: Scenario) -> dict[str, Any]:
-    """What the templates need of the scenario's reference: its closed form, or else a table."""
-    reference = build_reference(scenario)
+def reference_parts(control: Control) -> dict[str, Any]:
+    """What the templates need of the reference: its closed form, or else a table."""
+    reference = control.reference
     form = closed_form(reference)
-    times = scenario.rig.period * np.arange(1 + round(scenario.duration / scenario.rig.period))
+    times = control.period * np.arange(1 + round(control.duration / control.period))
     rows = reference(times)
     return {
         "reference": reference.name,
@@ -215,43 +181,3 @@ def _rows(values: Array, real: str) -> str:
     """Pairs of numbers of an array of shape (..., 2) in C, one a line."""
     pairs = values.reshape(-1, 2).tolist()
     return "\n".join(f"    {{{number(x, real)}, {number(y, real)}}}," for x, y in pairs)
-
-
-RUN_COLUMNS = (
-    *("x", "phi", "y", "theta", "age", "touched"),
-    *(f"desired_{axis}_{order}" for order in range(5) for axis in "xy"),
-    *("rate_phi", "rate_theta"),
-)
-"""Columns of a reference run: measurement, reference and its derivatives, commanded plate rates."""
-
-
-def reference_run(scenario: Scenario, duration: float) -> pd.DataFrame:
-    """A run of the twin under the scenario's own controller: ``RUN_COLUMNS``, SI, a row a period.
-
-    Args:
-        scenario: The scenario.
-        duration: Longest time in s.
-    """
-    rig, controller = assemble(scenario, unseen=True)
-    rows = list[Array]()
-    with own_errors(), rig:
-        measured = rig.read()
-        # the board knows no plate angle before its first measurement
-        rig.supervisor.angle = measured.y[:, 1::2].copy()
-        controller.start(measured)
-        rig.start()
-        for _ in range(round(duration / rig.period)):
-            step = controller.command(measured)
-            applied = rig.write(step.rate)
-            controller.applied(applied)
-            desired = controller.reference(measured.time)
-            rows.append(
-                np.concatenate(
-                    [measured.y[0], measured.age, measured.touched, desired.ravel(), applied[0]]
-                )
-            )
-            rig.wait()
-            measured = rig.read()
-            if not rig.supervisor.all_running:
-                break
-    return pd.DataFrame(rows, columns=RUN_COLUMNS)

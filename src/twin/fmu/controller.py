@@ -16,7 +16,7 @@ import pandas as pd
 from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError
 from twin.base.page import render_template
-from twin.board.export import TEMPLATE_FOLDER, controller_parts, controller_sources, reference_run
+from twin.board.source import TEMPLATE_FOLDER, controller_parts, controller_sources
 from twin.fmu.export import (
     FMI_SOURCES,
     MAX_REFERENCE_S,
@@ -26,6 +26,8 @@ from twin.fmu.export import (
     reference_files,
     write_fmu,
 )
+from twin.run.assemble import control_of
+from twin.run.controller_source import reference_run
 from twin.scenario.schema import Scenario
 
 NAME = "controller"
@@ -68,7 +70,7 @@ def export_fmu(
     """
     if fmi not in FMI_SOURCES:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
-    parts = controller_parts(NAME, scenario, real)
+    parts = controller_parts(NAME, control_of(scenario), real)
     variables = list_variables(scenario.rig.period, reference_inputs=reference_inputs)
     given = {"period": scenario.rig.period, "reference_inputs": reference_inputs}
     written = controller_sources(parts) | read_sources(*FMI_SOURCES[fmi])
@@ -90,7 +92,7 @@ def export_fmu(
 
 def list_variables(period: float, *, reference_inputs: bool = False) -> list[Variable]:
     """All variables of a controller with a period in s, in the order of their value references."""
-    tables: dict[str, Any] = read_packaged("twin.board", "controller.toml")
+    tables: dict[str, Any] = read_packaged("twin.fmu", "controller.toml")
     listed = [*tables["signal"], *tables["reference"] * reference_inputs]
     found = [Variable(**each) for each in listed]
     return [*found, *(Variable(start=period, **each) for each in tables["own"])]
@@ -103,7 +105,7 @@ def reference(scenario: Scenario, *, reference_inputs: bool) -> dict[str, str]:
     columns = dict(MEASURED_COLUMNS)
     if reference_inputs:
         desired = [each for each in run.columns if each.startswith("desired_")]
-        tables = read_packaged("twin.board", "controller.toml")
+        tables = read_packaged("twin.fmu", "controller.toml")
         columns |= dict(zip(desired, (each["name"] for each in tables["reference"]), strict=True))
     inputs = run[list(columns)].rename(columns=columns)
     inputs = pd.concat([inputs, inputs.iloc[-1:]], ignore_index=True)

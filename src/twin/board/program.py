@@ -1,0 +1,192 @@
+"""A controller as a program for an emulated processor or this computer, and how it is run."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
+from typing import TYPE_CHECKING, NamedTuple
+
+from twin.base.errors import ScenarioError, TwinError, extra
+from twin.board.footprint import ARM_FLAGS
+
+if TYPE_CHECKING:
+    from twin.board.control import Control
+
+NAME = "controller"
+"""What the names of files and functions begin with."""
+INSTRUCTION_SHIFT = 7
+"""An instruction takes 2 to the power of this in ns of QEMU's time. A tick of its SysTick is 40 ns:
+from 7 on a count of ticks, right to one, gives that of instructions to the last one."""
+EMULATOR = "qemu-system-arm"
+ELF_ARM = b"\x28\0"
+"""What an ELF file for an ARM processor has at byte 18."""
+PACKAGES = {
+    "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
+    EMULATOR: "qemu-system-arm",
+    "gcc": "gcc",
+}
+"""The packages of Debian that have a program."""
+FLAGS = ("-std=c99", "-O2")
+"""Flags of all compilers: no contracted products, no ``-ffast-math``."""
+
+
+class Target(NamedTuple):
+    """What a program can be compiled for.
+
+    Attributes:
+        compiler: The compiler.
+        flags: Its flags.
+        size: The program that states sizes.
+    """
+
+    compiler: str
+    flags: tuple[str, ...]
+    size: str
+
+
+TARGETS = {
+    "cortex-m4": Target(
+        "arm-none-eabi-gcc",
+        (*ARM_FLAGS, "-nostartfiles", "-ffunction-sections", "-Wl,--gc-sections"),
+        "arm-none-eabi-size",
+    ),
+    "host": Target("gcc", (), "size"),
+}
+"""Targets by the names that ``board.program`` gives them."""
+
+
+class Size(NamedTuple):
+    """Memory of a program.
+
+    Attributes:
+        flash_bytes: Code, constants and the first values of variables.
+        ram_bytes: Variables, without the stack.
+    """
+
+    flash_bytes: int
+    ram_bytes: int
+
+
+def needed(program: str) -> str:
+    """The path of a program that must be installed.
+
+    Raises:
+        ScenarioError: If it is not: which packages of Debian have it.
+    """
+    found = shutil.which(program)
+    if found is None:
+        raise ScenarioError(
+            f"board.program: needs {program}, which is not installed "
+            f"(packages of Debian: {PACKAGES[program]})"
+        )
+    return found
+
+
+def command_of(program: Path) -> list[str]:
+    """What runs a compiled program: the emulator for an ``.elf``, else the program itself.
+
+    Raises:
+        ScenarioError: If the file is none for the emulator, or that is not installed.
+    """
+    if program.suffix != ".elf":
+        return [str(program.resolve())]
+    with program.open("rb") as file:
+        head = file.read(20)
+    if head[:4] != b"\x7fELF" or head[18:20] != ELF_ARM:
+        raise ScenarioError(f"board.program: {program} is no ELF file for an ARM processor")
+    return [
+        needed(EMULATOR),
+        *("-machine", "mps2-an386", "-icount", f"shift={INSTRUCTION_SHIFT}"),
+        *("-display", "none", "-monitor", "none", "-serial", "none"),
+        *("-semihosting-config", "enable=on,target=native"),
+        *("-kernel", str(program)),
+    ]
+
+
+def compiled(control: Control, target: str, real: str) -> Path:
+    """The program of a controller, compiled once in the life of this process.
+
+    Args:
+        control: The controller.
+        target: One of ``TARGETS``.
+        real: ``double`` or ``float``.
+
+    Raises:
+        TwinError: If the controller has no form in C, the compiler or CasADi is not installed, or
+            the program does not fit into the memory.
+    """
+    needed(TARGETS[target].compiler)
+    with extra("casadi", "board.program"):
+        from twin.board.source import sources  # noqa: PLC0415  heavy: loaded when needed
+    texts = sources(NAME, control, real)
+    return _compile(tuple(sorted(texts.items())), target)
+
+
+def build_command(folder: str, name: str) -> str:
+    """The command that makes the program of an exported controller, in its folder.
+
+    Args:
+        folder: The folder in it with the files of the board.
+        name: What the names of the controller's files begin with.
+    """
+    about = TARGETS["cortex-m4"]
+    files = f"-I. -T{folder}/board.ld {folder}/board.c {name}.c -o {name}.elf -lm"
+    return " ".join((about.compiler, *FLAGS, *about.flags, files))
+
+
+def size_of(program: Path, target: str) -> Size:
+    """The memory that a program, compiled for one of ``TARGETS``, needs."""
+    said = subprocess.run(
+        [TARGETS[target].size, str(program)], capture_output=True, text=True, check=True
+    )
+    text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
+    return Size(text + data, data + bss)
+
+
+@cache
+def _folder() -> TemporaryDirectory[str]:
+    """Where the programs of this process lie, until it ends."""
+    return TemporaryDirectory(prefix="ballplate-board-", ignore_cleanup_errors=True)
+
+
+@cache
+def _compile(texts: tuple[tuple[str, str], ...], target: str) -> Path:
+    about, own = TARGETS[target], Path(mkdtemp(dir=_folder().name))
+    _write(dict(texts), own)
+    program, script = own / "board", list[str]()
+    if target == "cortex-m4":
+        program, script = own / "board.elf", ["-Tboard.ld"]
+    files = [*script, "board.c", f"{NAME}.c", "-o", program.name, "-lm"]
+    done = subprocess.run(
+        [about.compiler, *FLAGS, *about.flags, *files],
+        cwd=own,
+        env=os.environ | {"LC_ALL": "C"},  # messages as they are read here
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise TwinError(f"board.program: {about.compiler}: {_why(done.stderr)}")
+    return program
+
+
+def _write(texts: Mapping[str, str], folder: Path) -> None:
+    for name, text in texts.items():
+        (folder / Path(name).name).write_text(text, encoding="utf-8")
+
+
+def _why(said: str) -> str:
+    """The line of a compiler's message that says why, without the paths before it."""
+    if over := re.search(r"region `(\w+)' overflowed by (\d+) bytes", said):
+        return (
+            f"needs {over[2]} bytes more than the {over[1]} of the emulated board has; a reference "
+            "without a closed form is a table, which a shorter duration makes smaller"
+        )
+    lines = [line for line in said.splitlines() if "error" in line] or said.splitlines()
+    return lines[0].rpartition("error: ")[2].strip() if lines else "no message"
