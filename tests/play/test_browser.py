@@ -14,6 +14,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
@@ -329,7 +330,9 @@ def test_what_is_sent_and_is_no_event_costs_lines_and_no_stack_of_calls(tmp_path
         with urllib.request.urlopen(played.url) as response:
             page = response.read().decode()
         client = re.search(r"'client_id':\s*'([^']+)'|\"client_id\":\s*\"([^\"]+)\"", page)
-        asyncio.run(send(base, token, next(filter(None, client.groups()))))
+        sent = send(base, token, next(filter(None, client.groups())))
+        with ThreadPoolExecutor(1) as thread:  # in this one the browser's own loop may be running
+            thread.submit(asyncio.run, sent).result()
         assert played.process.poll() is None
         played.process.send_signal(signal.SIGINT)
         assert played.ended() == 0
