@@ -144,7 +144,13 @@ def test_with_every_extra_it_runs_and_draws_on_each_python_that_is_here(wheel, t
     run = ("run", "circle", "--set", "duration=2", "--out", "runs/circle")
     call(folder / "ballplate", *run, cwd=tmp_path, env=clean)
     assert (tmp_path / "runs" / "circle" / "picture.png").is_file()
-    library = {"cluster": "distributed", "fmi": "fmpy", "gym": "gymnasium", "mpc": "daqp"}
+    library = {
+        "cluster": "distributed",
+        "fmi": "fmpy",
+        "gym": "gymnasium",
+        "logs": "h5py",
+        "mpc": "daqp",
+    }
     library |= {"play": "nicegui", "tune": "optuna", "video": "av"}
     imports = ", ".join(library.get(each, each) for each in extras.split(","))
     call(folder / "python", "-c", f"import {imports}", cwd=tmp_path, env=clean)

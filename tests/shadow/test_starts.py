@@ -52,7 +52,7 @@ def test_windows_in_portions_say_what_all_at_once_say(log, recorded, monkeypatch
     assert parts.score == pytest.approx(whole.score, rel=1e-6, abs=1e-9)
     assert parts.information == pytest.approx(whole.information, rel=1e-6, abs=1e-9)
     again = replays(prepare(log), belief, NO_GAPS)
-    for name in ("time", "error", "spread", "told", "path"):
+    for name in ("time", "error", "spread", "moved", "path"):
         known = getattr(run, name)
         assert getattr(again, name) == pytest.approx(known, rel=1e-6, abs=1e-9, nan_ok=True)
 

@@ -70,7 +70,7 @@ def sources(name: str, control: Control, real: str) -> dict[str, str]:
     """
     given = controller_parts(name, control, real)
     found = controller_sources(given)
-    found[f"test_{name}.c"] = _render("test.c.j2", real, given)
+    found[f"test_{name}.c"] = _render("replay.c.j2", real, given)
     for each in ("board.c", "board.ld"):
         found[f"{BOARD}/{each}"] = _render(f"{each}.j2", real, given)
     ring, states, memory = (given[each] for each in ("ring", "states", "memory"))

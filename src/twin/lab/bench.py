@@ -529,8 +529,6 @@ class Lock(Checked):
 class RecordedCommands(Law):
     """The recorded commands of a run; ``register_commands`` makes a class for those of an entry."""
 
-    name: ClassVar[str] = "replayed"
-
     number: int = 0
     """Index of the run."""
 
@@ -557,6 +555,8 @@ def register_commands(commands: Sequence[Array]) -> Iterator[str]:
     """
 
     class OfEntry(RecordedCommands):
+        name: ClassVar[str] = "replayed"
+
         def recorded(self) -> Array:
             return commands[self.number]
 
