@@ -665,10 +665,11 @@ class OwnServos(_OwnDriver):
             self._astray = None
         elif self._astray is None:
             self._astray = now
-        elif now - self._astray > ASTRAY_FOR and not self._is_reported(ASTRAY):
+        elif now - self._astray > ASTRAY_FOR:
             self._watch_direction(UNDELAYED_DIRECTION_TEST)
-            text = f"{off.max():.1f} deg off for {now - self._astray:.1f} s"
-            self._report(ASTRAY, f"{text}{self._describe_scale(int(off.argmax()))}")
+            if not self._is_reported(ASTRAY):
+                text = f"{off.max():.1f} deg off for {now - self._astray:.1f} s"
+                self._report(ASTRAY, f"{text}{self._describe_scale(int(off.argmax()))}")
 
     def _watch_direction(self, test: _DirectionTest) -> None:
         """Report an axis that is measured to turn against its commands."""
