@@ -7,7 +7,7 @@ Its "average tracking error" is a root mean square (rms_error here), not the mea
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any
 
@@ -137,16 +137,9 @@ class Motion:
         count = int(np.searchsorted(self.time, end + 1e-9, side="right"))
         if count == len(self.time):
             return self
-        return Motion(
-            time=self.time[:count],
-            ball=self.ball[:count],
-            plate=self.plate[:count],
-            u=self.u[:count],
-            reference=self.reference[:count],
-            held=None if self.held is None else self.held[:count],
-            lateness=None if self.lateness is None else self.lateness[:count],
-            board=None if self.board is None else self.board[:count],
-        )
+        cut: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        cut = {name: None if values is None else values[:count] for name, values in cut.items()}
+        return Motion(**cut)
 
 
 def against_python(board: Array, requested: Array, supervisor: Array, period: float) -> Array:
