@@ -9,9 +9,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from ballplate.changes import changes_of, scenario_of
 from ballplate.rigs import fmu as export
+from twin.base.errors import RecordError, ScenarioError
+from twin.cli import ballplate as command
 from twin.fmu.export import frame_phase, variables
 from twin.hal.interface import Touch
 from twin.run.assemble import build_limits
@@ -30,6 +33,20 @@ def pytest_collection_modifyitems(items):
         for item in items:
             if item.path.parent == Path(__file__).parent and "without_a_compiler" not in item.name:
                 item.add_marker(pytest.mark.skip(reason="no C compiler"))
+
+
+@pytest.fixture
+def refuse_export(tmp_path, monkeypatch):
+    """Asks for an export that is refused: the one line of its error; nothing is written."""
+
+    def refuse(*arguments):
+        monkeypatch.chdir(tmp_path)
+        answer = CliRunner().invoke(command, ["export", *arguments])
+        assert isinstance(answer.exception, RecordError | ScenarioError)
+        assert list(tmp_path.iterdir()) == []
+        return str(answer.exception)
+
+    return refuse
 
 
 TYPES = {"Float64": ctypes.c_double, "Int32": ctypes.c_int32, "Boolean": ctypes.c_bool}
