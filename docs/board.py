@@ -22,7 +22,7 @@ import numpy as np
 from ballplate.changes import changes_of, scenario_of
 from docs.pages import HERE, filled, kept, write
 from twin.board.footprint import measure_footprint
-from twin.board.program import NAME, command_of, compiled, size_of
+from twin.board.program import NAME, command_of, compile_controller, size_of
 from twin.board.protocol import encode
 from twin.board.source import sources
 from twin.board.trace import LAWS
@@ -148,7 +148,7 @@ def row(law: str, observer: str) -> dict[str, Any]:
     slow = scenario(law, observer, real="double").model_copy(update={"duration": 1.0})
     double = run(slow).metrics
     control = control_of(scenario(law, observer))
-    program = compiled(control, "cortex-m4", "float")
+    program = compile_controller(control, "cortex-m4", "float")
     known = listing(program)
     passed = executed(program, known)
     footprint = measure_footprint(NAME, sources(NAME, control, "float"))

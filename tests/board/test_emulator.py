@@ -11,7 +11,7 @@ import ballplate as bp
 from ballplate.changes import changes_of, scenario_of
 from twin.base.errors import LawError
 from twin.board import program as programs
-from twin.board.program import command_of, compiled, size_of
+from twin.board.program import command_of, compile_controller, size_of
 from twin.board.protocol import ANSWERED, Answer, decode, encode
 from twin.board.trace import LAWS
 from twin.run.assemble import control_of
@@ -74,7 +74,7 @@ MEASURED = [0.0, 0.01, 0.001, 0.02, -0.001, 0.0, 1.0, 0.1, 0, 0, 0.1, -0.1, 0, 0
 
 def test_the_count_is_that_of_the_emulator_s_own_trace_of_instructions(tmp_path):
     """QEMU writes down the address of every instruction; those of the controller are counted."""
-    program, trace = compiled(control(), "cortex-m4", "float"), tmp_path / "trace"
+    program, trace = compile_controller(control(), "cortex-m4", "float"), tmp_path / "trace"
     more = ["-singlestep", "-d", "exec,nochain", "-D", str(trace)]
     asked = [encode(k + 1, [0.002 * k, *MEASURED[1:]]) for k in range(3)]
     said = subprocess.run(
@@ -106,7 +106,8 @@ def test_the_count_is_that_of_the_emulator_s_own_trace_of_instructions(tmp_path)
 
 def test_memory_is_stated():
     single, double = (
-        size_of(compiled(control(), "cortex-m4", real), "cortex-m4") for real in ("float", "double")
+        size_of(compile_controller(control(), "cortex-m4", real), "cortex-m4")
+        for real in ("float", "double")
     )
     assert 8_000 < single.flash_bytes < double.flash_bytes < 40_000
     assert 500 < single.ram_bytes < double.ram_bytes < 5_000

@@ -15,7 +15,7 @@ from controllers.interfaces import ControlLaw, Measurement, Observer, Reference
 from twin.base.errors import ScenarioError
 from twin.board.control import Control
 from twin.board.process import BoardProcess
-from twin.board.program import TARGETS, compiled
+from twin.board.program import TARGETS, compile_controller
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class Board:
             AnswerError: If it does not begin as one that speaks the protocol.
         """
         if self.program in TARGETS:
-            file = compiled(self.control(), self.program, self.real)
+            file = compile_controller(self.control(), self.program, self.real)
         else:
             file = Path(self.program)
             EXECUTION_LOG.info("runs the program %s, a controller for a board", file.resolve())

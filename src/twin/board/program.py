@@ -73,7 +73,7 @@ class Size(NamedTuple):
     ram_bytes: int
 
 
-def needed(program: str) -> str:
+def find_program(program: str) -> str:
     """The path of a program that must be installed.
 
     Raises:
@@ -101,7 +101,7 @@ def command_of(program: Path) -> list[str]:
     if head[:4] != b"\x7fELF" or head[18:20] != ELF_ARM:
         raise ScenarioError(f"board.program: {program} is no ELF file for an ARM processor")
     return [
-        needed(EMULATOR),
+        find_program(EMULATOR),
         *("-machine", "mps2-an386", "-icount", f"shift={INSTRUCTION_SHIFT}"),
         *("-display", "none", "-monitor", "none", "-serial", "none"),
         *("-semihosting-config", "enable=on,target=native"),
@@ -109,7 +109,7 @@ def command_of(program: Path) -> list[str]:
     ]
 
 
-def compiled(control: Control, target: str, real: str) -> Path:
+def compile_controller(control: Control, target: str, real: str) -> Path:
     """The program of a controller, compiled once in the life of this process.
 
     Args:
@@ -121,7 +121,7 @@ def compiled(control: Control, target: str, real: str) -> Path:
         TwinError: If the controller has no form in C, the compiler or CasADi is not installed, or
             the program does not fit into the memory.
     """
-    needed(TARGETS[target].compiler)
+    find_program(TARGETS[target].compiler)
     with extra("casadi", "board.program"):
         from twin.board.source import sources  # noqa: PLC0415  heavy: loaded when needed
     texts = sources(NAME, control, real)

@@ -58,12 +58,10 @@ STOP_MARGIN_RAD = float(np.radians(5.0))
 The stops of the rig, at 10 deg (thesis, chapter 3), would hide what the host does."""
 
 
-RARE = 1e-8
-"""Share of a screen's frames before which more are missing than a host is told to bear with."""
-
-
-NOTICED_S = 0.01
-"""Time in s within which a host notices a frame that has arrived."""
+LONGER_GAP_PROBABILITY = 1e-8
+"""Probability that more frames of a screen in a row are lost than the limits of its host allow."""
+NOTICE_DELAY_S = 0.01
+"""Longest time in s until a host notices a frame that has arrived."""
 
 
 class Wiring(NamedTuple):
@@ -178,14 +176,18 @@ class EmulatedPlant:
 
     @property
     def longest_gap(self) -> float:
-        """Longest time in s from one frame of its screen to the next, as good as always."""
+        """Longest time in s between frames of its screen, but for `LONGER_GAP_PROBABILITY`."""
         screen = from_scenarios(TouchModel, [self._scenario])
         if not screen.frame_rate:
             return 0.0
         frame = 1 / float(screen.frame_rate)
-        missing = math.ceil(math.log(RARE) / math.log(screen.lost)) if screen.lost else 0
+        missing = (
+            math.ceil(math.log(LONGER_GAP_PROBABILITY) / math.log(screen.lost))
+            if screen.lost
+            else 0
+        )
         early = min(3 * float(screen.jitter), frame / 2) + 3 * float(screen.spread)
-        return (1 + missing) * frame + 2 * early + NOTICED_S
+        return (1 + missing) * frame + 2 * early + NOTICE_DELAY_S
 
     def attach(self, drives: Sequence[Turning]) -> None:
         """Let the drives, phi then theta, move the plant and read its encoders."""

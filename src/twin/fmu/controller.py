@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from controllers.fmu import RATE_OUTPUTS
 from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError
 from twin.base.page import render_template
@@ -109,7 +110,7 @@ def reference(scenario: Scenario, *, reference_inputs: bool) -> dict[str, str]:
         columns |= dict(zip(desired, (each["name"] for each in tables["reference"]), strict=True))
     inputs = run[list(columns)].rename(columns=columns)
     inputs = pd.concat([inputs, inputs.iloc[-1:]], ignore_index=True)
-    rates = ["rate_phi", "rate_theta"]
+    rates = list(RATE_OUTPUTS)
     outputs = pd.DataFrame(np.vstack([np.zeros((1, 2)), run[rates]]), columns=rates)
     for table in (inputs, outputs):
         table.insert(0, "time", time)
