@@ -72,6 +72,23 @@ ballplate.sweep(name, {"seed": [*range(int(rigs))]}, settings=settings, processe
 print(1e6 * (time.process_time() - begin) * 0.002 / float(seconds))
 """
 """As ``SIMULATED``, of a sweep over seeds on one process."""
+STUDIED = (
+    BATCH
+    + """
+from twin.study.work import carry_out, ScenarioRuns
+try:
+    from twin.study.compiled import carry_out_compiled as carry_out
+except ImportError:
+    pass
+runs = ScenarioRuns(batch)
+jobs = runs.jobs(runs.tasks)
+carry_out(jobs[:1])
+begin = time.process_time()
+carry_out(jobs)
+print(1e6 * (time.process_time() - begin) * PERIOD_S / seconds)
+"""
+)
+"""As ``SIMULATED``, by the fastest engine of a study: compiled, where there is one."""
 COMMANDED = """
 import sys, time
 import numpy as np
@@ -149,6 +166,16 @@ ROWS = (
     Row("batch", "128 rigs, cure, mechanism", "us", SIMULATED, 128, ("cure", MECHANISM)),
     Row("kalman", "128 rigs, friction_kalman, exact equations", "us", SIMULATED, 128, KALMAN, 0.6),
     Row("batch", "128 rigs, afl, exact equations", "us", SIMULATED, 128, ("circle", EXACT)),
+    Row(
+        "compiled",
+        "128 runs of a study in C, afl, exact equations",
+        "us",
+        STUDIED,
+        128,
+        ("circle", EXACT),
+        0.125,
+        12.0,
+    ),
     Row("sweep", "sweep over 64 rigs, afl, mechanism", "us", SWEPT, 64, ("circle", MECHANISM)),
     Row("command", "one command of the cure", "us", COMMANDED, 1, ("cure",), 0.6),
     Row("run", "run circle from the shell", "s", RAN, 1, ("circle",), 0.7, 25.0),

@@ -403,12 +403,17 @@ def study(
         >>> rows["outcome"].tolist()
         ['finished', 'finished']
     """
-    from twin.study.experiments import Store, carry, executors
+    from twin.study.experiments import Do, Store, carry, executors
     from twin.study.report import answers
 
     report = reporter or default()
     check_processes(processes, report)
     work = work_of(name if isinstance(name, Mapping) else str(name), keys)
+    do: Do | None = None
+    if work.study.engine == "c":
+        from twin.study.compiled import carry_out_compiled
+
+        do = carry_out_compiled
     folder = writable(out, report)
     store = Store(folder)
     with (
@@ -420,6 +425,7 @@ def study(
             store,
             executor=executor,
             processes=count,
+            do=do,
             progress=lambda done, failed: advance(done, f"{failed} failed"),
         )
     found = StudyResult(work, rows, answers(work, rows))
@@ -491,7 +497,13 @@ def work_of(name: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Work:
     try:
         # a run is kept under the text of its law: one of a notebook has none
         with in_files_only():
-            return Work(about)
+            work = Work(about)
+        if about.engine == "c":
+            from twin.study.compiled import check_known
+
+            for task in work.first_of_each_variant:
+                check_known(work.scenario(task))
     except ScenarioError as error:  # it names the scenario
         called = about.title if isinstance(name, Mapping) else name
         raise ScenarioError(f"study {called}: {error}") from error
+    return work

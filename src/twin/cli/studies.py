@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 @click.argument("study", required=False, shell_complete=options.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
+@click.option(
+    "--engine", type=click.Choice(("python", "c")), help="Override what carries out the runs."
+)
 @click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
 @options.PROCESSES_OPTION
 @options.SCHEDULER_OPTION
@@ -50,7 +53,7 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
     chosen("study", study, shipped_in("studies"))  # reported before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
-        work = work_of(study, {key: how.pop(key) for key in ("samples", "seeds")})
+        work = work_of(study, {key: how.pop(key) for key in ("samples", "seeds", "engine")})
         check_writable(folder)
         return _plan_study(work, folder, **how)
     done = run_study(study, out=folder, reporter=TERMINAL, **how)

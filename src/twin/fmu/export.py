@@ -261,7 +261,7 @@ def c_source(scenario: Scenario, surface: Array | None, path: Array | None) -> d
     return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
 
 
-RIG_SOURCES = ("rig.c", "rig.h", "model.h")
+RIG_SOURCES = ("rig.c", "rig.h", "noise.c", "model.h")
 """The C source of the rig that no template makes."""
 FMI_SOURCES = {
     2: ("instance.c", "instance.h", "fmi.h", "fmi2.c"),

@@ -557,6 +557,13 @@ def inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
     return {name: inline(figure) for name, figure in figures(work.study, found).items()}
 
 
+ENGINE_SENTENCES = {
+    "python": "",
+    "c": " Rigs and controllers were simulated in compiled C (engine = c).",
+}
+"""What a report adds on the engine of a study."""
+
+
 def what_ran(work: Work) -> str:
     """Description of the runs."""
     study = work.study
@@ -565,7 +572,8 @@ def what_ran(work: Work) -> str:
         f"Scenario {study.scenario} ({', '.join(study.set) or 'as it is'}), method {study.method}: "
         f"{len(work.design)} points, {study.seeds} seeds, {len(study.compared)} variants, "
         f"{len(work.tasks)} runs. Every variant had the same points and the same noise. "
-        f"Physics step {steps} ms; docs/performance.md tells the error of 2 ms."
+        f"Physics step {steps} ms; docs/performance.md has the error of 2 ms."
+        f"{ENGINE_SENTENCES[study.engine]}"
     )
 
 

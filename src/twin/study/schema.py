@@ -171,6 +171,7 @@ def read_family(name: str | Mapping[str, Any]) -> Family:
 
 
 Method = Literal["grid", "lhs", "montecarlo", "sobol"]
+Engine = Literal["python", "c"]
 
 
 class Variant(Checked):
@@ -203,11 +204,14 @@ class Study(Checked):
         parameters: Dotted scenario key to its distribution; ``key.0`` is the first number of a
             list.
         variants: The compared variants; one unnamed if empty.
+        engine: What carries out the runs: ``python``, many rigs in a batch; or ``c``, each rig with
+            its controller in a compiled loop, for the exact equations alone.
     """
 
     title: str
     scenario: str
     set: tuple[str, ...] = ()
+    engine: Engine = "python"
     method: Method
     samples: Annotated[int, Field(ge=2, le=1_000_000)] = 16
     seeds: Annotated[int, Field(ge=1, le=10_000)] = 1

@@ -317,7 +317,7 @@ class Work(ScenarioRuns):
     """
 
     def __init__(self, study: Study) -> None:
-        super().__init__(())
+        super().__init__((), mark="" if study.engine == "python" else f"engine {study.engine} ")
         self.study = study
         self.design = points(study)
         self._relative = {key for key, item in study.parameters.items() if item.relative}
@@ -339,6 +339,11 @@ class Work(ScenarioRuns):
             [getattr(task, key) for task in self.tasks] for key in ("variant", "seed")
         )
         return {"variant": variants, "point": at, "seed": seeds, **self.design[at].columns}
+
+    @property
+    def first_of_each_variant(self) -> list[StudyTask]:
+        """The first task of each variant."""
+        return list({task.variant: task for task in reversed(self.tasks)}.values())
 
     def scenario(self, task: StudyTask) -> Scenario:
         """Scenario of a task."""
@@ -366,14 +371,12 @@ def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:
     refused: dict[str, TwinError | None] = {}
     for job in jobs:
         scenario = Scenario.model_validate_json(job.scenario)
-        controller = scenario.model_dump_json(include=CONTROLLER_TABLES) + repr(
-            scenario.designed_on
-        )
+        controller = controller_key(scenario)
         if controller not in refused:
-            refused[controller] = _refusal(scenario)
+            refused[controller] = refusal(scenario)
         error = refused[controller]
         if error is not None:
-            rows[job.key] = _refused_row(job.key, error)
+            rows[job.key] = refused_row(job.key, error)
             continue
         ready.setdefault(job.alike, []).append((job.key, scenario))
     for batch in ready.values():
@@ -385,7 +388,12 @@ CONTROLLER_TABLES = {"duration", "rig", "controller", "observer", "predictor", "
 """Tables of a scenario that say which controller it has."""
 
 
-def _refusal(scenario: Scenario) -> TwinError | None:
+def controller_key(scenario: Scenario) -> str:
+    """A text that is equal for scenarios with the same controller."""
+    return scenario.model_dump_json(include=CONTROLLER_TABLES) + repr(scenario.designed_on)
+
+
+def refusal(scenario: Scenario) -> TwinError | None:
     """Why a scenario has no controller; None if it has."""
     try:
         with own_errors():
@@ -400,18 +408,24 @@ def _together(batch: Sequence[tuple[str, Scenario]], *, seen: bool) -> Iterator[
         found = simulate([scenario for _, scenario in batch], seen=seen)
     except TwinError as error:
         if len(batch) == 1:
-            yield _refused_row(batch[0][0], error)
+            yield refused_row(batch[0][0], error)
             return
         for item in batch:
             yield from _together([item], seen=seen)
         return
     for (key, _), metrics in zip(batch, found, strict=True):
-        good = metrics["outcome"] == Ending.FINISHED
-        row: Row = {"key": key, "outcome": metrics["outcome"], "reason": metrics["reason"]}
-        yield row | {name: metrics[name] if good else None for name in MOTION_INDICATORS}
+        yield metrics_row(key, metrics)
 
 
-def _refused_row(key: str, error: TwinError) -> Row:
+def metrics_row(key: str, metrics: Mapping[str, Any]) -> Row:
+    """The row of a run: how it ended and, if it finished, its indicators."""
+    good = metrics["outcome"] == Ending.FINISHED
+    row: Row = {"key": key, "outcome": metrics["outcome"], "reason": metrics["reason"]}
+    return row | {name: metrics[name] if good else None for name in MOTION_INDICATORS}
+
+
+def refused_row(key: str, error: TwinError) -> Row:
+    """The row of a run that cannot be carried out, and why."""
     row: Row = {"key": key, "outcome": "refused", "reason": str(error)}
     return row | dict.fromkeys(MOTION_INDICATORS)
 

@@ -8,38 +8,7 @@ static const double PI = 3.14159265358979323846;
 static double smaller(double a, double b) { return b < a ? b : a; }
 static double larger(double a, double b) { return b > a ? b : a; }
 
-/* ---- Noise ------------------------------------------------------------------------------------
-
-   A counter generator: what is drawn depends on seed, stream and number of the draw alone, so it
-   has no state. Each of the three goes through the finaliser of SplitMix64 (Steele, Lea, Flood
-   2014); two uniform numbers make a normal one after Box and Muller. */
-
-enum Stream {
-    TOUCH_X,
-    TOUCH_Y,
-    ENCODER_PHI,
-    ENCODER_THETA,
-    SHAKE_PHI,
-    SHAKE_THETA,
-    DELAY,
-    WANDER, /* and the three after it */
-    JITTER = WANDER + 4,
-    LOST
-};
-
-static uint64_t mixed(uint64_t z) {
-    z += 0x9E3779B97F4A7C15u;
-    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
-    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
-    return z ^ (z >> 31);
-}
-
-double noise(uint64_t seed, uint64_t stream, uint64_t number) {
-    uint64_t bits = mixed(mixed(mixed(seed) + stream) + number);
-    double u = (double)((mixed(bits) >> 11) + 1) * 0x1p-53;
-    double v = (double)(mixed(bits + 1) >> 11) * 0x1p-53;
-    return sqrt(-2 * log(u)) * cos(2 * PI * v);
-}
+/* ---- Noise ------------------------------------------------------------------------------------ */
 
 /* The draw of a stream in a control period, held as long as the scenario says. */
 static double drawn(const Rig *rig, int stream, double variance, int64_t tick) {
@@ -97,7 +66,8 @@ static void have_age(Rig *rig) {
 /* arm = relative(x, y) rolling (1 + (breakaway_ratio - 1) age) + viscous v */
 static double arm(const Rig *rig, double x, double vx, double y, double vy) {
     const double *v = rig->v;
-    double speed = hypot(vx, vy), length = v[PLANT_FRICTION_ROLLING];
+    int matters = sticking(v) || v[PLANT_FRICTION_VISCOUS] > 0;
+    double speed = matters ? hypot(vx, vy) : 0, length = v[PLANT_FRICTION_ROLLING];
     if (sticking(v)) {
         double surplus = rig->ageing ? rig->age : settled(v, speed);
         length = length * (1 + (v[PLANT_FRICTION_BREAKAWAY_RATIO] - 1) * surplus);
@@ -451,16 +421,21 @@ static Way way_to(const Rig *rig, const double to[2]) {
     return way;
 }
 
-/* Plate angles and rates after a time, and the ball's equations there. */
-static Rolling turned(const Rig *rig, const Ball *ball, const Way *way, double time,
-                      double angle[2], double rate[2]) {
-    double u[2];
+/* Plate angles, rates and accelerations after a time. */
+static void turn(const Rig *rig, const Way *way, double time, double angle[2], double rate[2],
+                 double u[2]) {
     for (int i = 0; i < 2; i++) {
         double more = time * way->jerk[i];
         angle[i] = rig->angle[i] + time * (rig->rate[i] + time / 2 * (way->u[i] + more / 3));
         rate[i] = rig->rate[i] + time * (way->u[i] + more / 2);
         u[i] = way->u[i] + more;
     }
+}
+
+/* The ball's equations after a time. */
+static Rolling rolling_after(const Rig *rig, const Ball *ball, const Way *way, double time) {
+    double angle[2], rate[2], u[2];
+    turn(rig, way, time, angle, rate, u);
     return rolling(ball, angle, rate, u);
 }
 
@@ -468,16 +443,16 @@ static Rolling turned(const Rig *rig, const Ball *ball, const Way *way, double t
 static void move(Rig *rig, const double to[2]) {
     Ball ball = ball_of(rig->v);
     Way way = way_to(rig, to);
-    double period = STEPS * STEP, angle[2], rate[2];
+    double angle[2], rate[2], u[2];
     Rolling at[3];
-    at[2] = turned(rig, &ball, &way, 0, angle, rate);
+    at[2] = rolling_after(rig, &ball, &way, 0);
     for (int i = 0; i < STEPS; i++) {
         at[0] = at[2];
         for (int k = 1; k <= 2; k++)
-            at[k] = turned(rig, &ball, &way, STEP / 2 * (2 * i + k), angle, rate);
+            at[k] = rolling_after(rig, &ball, &way, STEP / 2 * (2 * i + k));
         roll_on(rig, &ball, at);
     }
-    turned(rig, &ball, &way, period, angle, rate);
+    turn(rig, &way, STEPS * STEP, angle, rate, u);
     memcpy(rig->angle, angle, sizeof angle);
     memcpy(rig->rate, rate, sizeof rate);
     double half = rig->v[PLANT_SIZE] / 2, far = rig->x * rig->x + rig->y * rig->y;

@@ -16,7 +16,11 @@ enum BallSpin { FREE, LOCKED, THESIS };
 
 extern const double CURVE[CURVE_ROWS + 1][3]; /* angles of servo and plate, slope */
 extern const double PATH[PATH_ROWS ? PATH_ROWS : 1][6];
+#ifdef SURFACE_OF_EACH_RIG /* where one program simulates rigs with screens of their own */
+extern const double (*SURFACE)[SURFACE_X ? SURFACE_Y : 1][3];
+#else
 extern const double SURFACE[SURFACE_X ? SURFACE_X : 1][SURFACE_X ? SURFACE_Y : 1][3];
+#endif
 
 enum Fault {
     NO_FAULT,
@@ -87,6 +91,20 @@ const char *model_begin(Rig *rig);
 
 /* Simulate one control period with the rates that are commanded now, and measure. */
 void model_advance(Rig *rig);
+
+/* Streams of noise. */
+enum Stream {
+    TOUCH_X,
+    TOUCH_Y,
+    ENCODER_PHI,
+    ENCODER_THETA,
+    SHAKE_PHI,
+    SHAKE_THETA,
+    DELAY,
+    WANDER, /* and the three after it */
+    JITTER = WANDER + 4,
+    LOST
+};
 
 /* White noise of variance 1: the same for the same seed, stream and number. */
 double noise(uint64_t seed, uint64_t stream, uint64_t number);

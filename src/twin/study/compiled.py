@@ -1,0 +1,284 @@
+"""Runs of a study in C: plant, sensors, drives, observer and law of each rig in one compiled loop.
+
+The loop joins the C source of a rig's FMU (``twin.fmu``) with that of the controller
+(``twin.board``) and is given the noise that the twin draws. Its runs are those of the exact
+equations in numpy but for rounding. A run that does not finish is made again in numpy, which says
+why it ended.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.base.errors import ScenarioError, TwinError, extra
+from twin.base.followers import PARTS
+from twin.fmu.export import (
+    RIG_SOURCES,
+    add_token,
+    c_source,
+    frame_phase,
+    read_sources,
+    variables,
+)
+from twin.run.assemble import build_friction, build_reference, control_of, own_errors
+from twin.run.metrics import Ending, Motion, Outcome, measure
+from twin.scenario.schema import Scenario, changed_in_vain, left_out
+from twin.study.work import Job, Row, carry_out, controller_key, metrics_row, refusal, refused_row
+
+NAME = "controller"
+"""What the names of the controller's C source begin with."""
+FLAGS = (
+    *("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden"),
+    "-DSURFACE_OF_EACH_RIG",
+)
+"""How the loop is compiled: without fused operations, so that it rounds as numpy does."""
+
+
+def why_not(scenario: Scenario) -> str:
+    """What of a scenario the compiled loop does not know, in a line; empty if it knows all."""
+    if scenario.plant.kind != "lagrange":
+        return f"plant.kind: must be lagrange with engine = c, got {scenario.plant.kind}"
+    if scenario.change:
+        return "change: a rig does not change while it runs with engine = c"
+    if scenario.takes_time or scenario.board is not None:
+        return "controller: engine = c has no computing time and no board"
+    if scenario.sensors.ideal:
+        return "sensors.ideal: engine = c measures as a real rig does"
+    unfollowed = left_out("source")
+    for key in changed_in_vain(scenario, unfollowed):
+        return f"{key}: {PARTS['source']} {unfollowed[key]}"
+    return ""
+
+
+def surface_of(scenario: Scenario) -> Array | None:
+    """Relative friction and slope along x and y over the screen, (n, m, 3); None if it is even."""
+    friction = build_friction([scenario])
+    return None if friction is None or friction.map is None else friction.map.grids[0]
+
+
+def draw_noise(scenario: Scenario, count: int) -> list[Array | None]:
+    """The noise of a rig by stream of ``rig.h``, of variance 1, as ``sim`` draws it from the seed.
+
+    A rig that is switched on reads its encoders once before the first control period.
+
+    Args:
+        scenario: The scenario.
+        count: Number of control periods.
+
+    Returns:
+        The numbers of each stream, shape (count,), those that are held repeated; None of a stream
+        that the rig has no use for.
+    """
+    touch, encoders, servo = scenario.sensors.touch, scenario.sensors.encoders, scenario.plant.servo
+    hold = round(max(scenario.sensors.noise_hold, scenario.rig.period) / scenario.rig.period)
+    sources = (
+        NoiseSource(any(touch.variance), spawned=0, channels=2, hold=hold),
+        NoiseSource(any(encoders.variance), spawned=2, channels=2, hold=hold, before=1),
+        NoiseSource(any(scenario.disturbance.variance), spawned=3, channels=2, hold=hold),
+        NoiseSource(touch.dead_time_spread > 0, spawned=1000, channels=1, hold=hold),
+        NoiseSource(servo.vibration_wander > 0, spawned=4, channels=4),
+        NoiseSource(touch.frame_rate > 0, spawned=1001, channels=2),
+    )
+    return [stream for source in sources for stream in source.draw(scenario.seed, count)]
+
+
+class NoiseSource(NamedTuple):
+    """Where streams of noise come from.
+
+    Attributes:
+        used: Whether the rig has a use for them.
+        spawned: Number of their seed among those that the seed of a rig's devices spawns.
+        channels: Number of streams.
+        hold: Control periods for which a draw is held.
+        before: Draws before the first control period.
+    """
+
+    used: bool
+    spawned: int
+    channels: int
+    hold: int = 1
+    before: int = 0
+
+    def draw(self, seed: int, count: int) -> Sequence[Array | None]:
+        """The streams, shape (count,) each, or None, by the seed of the scenario."""
+        if not self.used:
+            return self.channels * [None]
+        whole = self.before + count
+        stream = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, self.spawned)))
+        drawn = stream.standard_normal((-(-whole // self.hold), self.channels))
+        return list(drawn.repeat(self.hold, axis=0)[self.before : whole].T)
+
+
+class CompiledRuns:
+    """The compiled loop of scenarios that differ in the parameters of their rigs alone.
+
+    Args:
+        scenario: One of them.
+
+    Raises:
+        TwinError: If the controller has no form in C, or there is no compiler.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        ticks = round(scenario.duration / scenario.rig.period)
+        with TemporaryDirectory(prefix="ballplate-study-") as folder:
+            library = ctypes.CDLL(str(compile_runs(scenario, Path(folder))))
+        self._simulate = library.simulate
+        self._simulate.restype = ctypes.c_int64
+        self._time = scenario.rig.period * np.arange(ticks)
+        self._desired = build_reference(scenario)(self._time)[0].reshape(-1, 2)
+
+    def run(self, scenario: Scenario) -> Motion | None:
+        """The motion of a rig; None if its plate was levelled or its ball left the plate.
+
+        Args:
+            scenario: Its scenario.
+        """
+        ticks = len(self._time)
+        values = rig_values(scenario)
+        surface = surface_of(scenario)
+        numbers = draw_noise(scenario, ticks + 1)
+        state, applied = np.empty((ticks, 8)), np.empty((ticks, 2))
+        done = self._simulate(
+            _address(values),
+            _address(surface),
+            (ctypes.c_void_p * len(numbers))(*map(_address, numbers)),
+            (ctypes.c_int64 * len(numbers))(*map(_stride, numbers)),
+            ctypes.c_int64(ticks),
+            _address(state),
+            _address(applied),
+        )
+        if done < ticks or not np.isfinite(state).all():
+            return None
+        return Motion(
+            time=self._time,
+            ball=state[:, 0::4],
+            plate=state[:, 2::4],
+            u=applied,
+            reference=self._desired,
+        )
+
+
+def rig_values(scenario: Scenario) -> Array:
+    """The variables of a scenario's rig, in their order; its noise comes held by ``draw_noise``."""
+    about = variables(scenario, frame_phase(scenario))
+    held = "sensors.noise_hold"
+    return np.array([0.0 if each.name == held else each.start or 0.0 for each in about])
+
+
+def _address(values: Array | None) -> ctypes.c_void_p | None:
+    return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
+
+
+def _stride(values: Array | None) -> int:
+    return 0 if values is None else values.strides[0] // values.itemsize
+
+
+def rig_source(scenario: Scenario) -> dict[str, str]:
+    """What of a scenario's rig is compiled in: the two files of ``c_source``, by name."""
+    surface = surface_of(scenario)
+    return c_source(scenario, None if surface is None else np.ones_like(surface), None)
+
+
+def compile_runs(scenario: Scenario, folder: Path) -> Path:
+    """Compile the loop of a scenario in a folder.
+
+    Returns:
+        The library.
+
+    Raises:
+        ScenarioError: If the controller has no form in C.
+        TwinError: If there is no compiler, or it fails.
+    """
+    with extra("casadi", "engine = c"):
+        from twin.board.source import controller_parts, controller_sources  # noqa: PLC0415  heavy
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        raise TwinError("engine: c needs a C compiler (cc, gcc or clang); none is installed")
+    parts = controller_parts(NAME, control_of(scenario), "double")
+    rig, _ = add_token(read_sources(*RIG_SOURCES) | rig_source(scenario), variables(scenario, 0.0))
+    texts = {
+        **{name: text for name, text in rig.items() if name != "noise.c"},
+        **read_sources("fmi.h"),
+        **controller_sources(parts),
+        **read_sources("batch.c", package="twin.study"),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    library = folder / "runs.so"
+    files = [name for name in texts if name.endswith(".c")]
+    done = subprocess.run(
+        [compiler, *FLAGS, "-o", library.name, *files, "-lm"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if "error" in line]
+        raise TwinError(f"engine: {compiler} failed: {(lines or ['no message'])[0]}")
+    return library
+
+
+_compiled: dict[tuple[str, ...], CompiledRuns] = {}
+"""Compiled loops of this process, by all that is compiled in."""
+
+
+def compiled_runs(scenario: Scenario) -> CompiledRuns:
+    """The compiled loop of a scenario, made once in the life of this process.
+
+    Raises:
+        TwinError: If the controller has no form in C, or there is no compiler.
+    """
+    key = (controller_key(scenario), *rig_source(scenario).values())
+    if key not in _compiled:
+        with own_errors():
+            _compiled[key] = CompiledRuns(scenario)
+    return _compiled[key]
+
+
+def check_known(scenario: Scenario) -> None:
+    """Make sure that the compiled loop knows all of a scenario.
+
+    Raises:
+        ScenarioError: If it does not: what, in a line.
+    """
+    if unknown := why_not(scenario):
+        raise ScenarioError(unknown)
+
+
+def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:
+    """Carry out some runs in C; one row each, in their order, as ``carry_out`` gives them.
+
+    Raises:
+        TwinError: If the loop does not know what a run needs, or cannot be compiled.
+    """
+    rows: dict[str, Row] = {}
+    refused: dict[str, TwinError | None] = {}
+    others = list[Job]()
+    for job in jobs:
+        scenario = Scenario.model_validate_json(job.scenario)
+        controller = controller_key(scenario)
+        if controller not in refused:
+            refused[controller] = refusal(scenario)
+        if error := refused[controller]:
+            rows[job.key] = refused_row(job.key, error)
+            continue
+        check_known(scenario)
+        motion = compiled_runs(scenario).run(scenario)
+        if motion is None:
+            others.append(job)
+            continue
+        end = Outcome(Ending.FINISHED, scenario.duration)
+        rows[job.key] = metrics_row(job.key, measure(motion, end, **dict(scenario.metrics)))
+    rows |= {row["key"]: row for row in carry_out(others)}
+    return [rows[job.key] for job in jobs]

@@ -1,0 +1,181 @@
+"""`twin.study.compiled`.
+
+Runs in C against those in numpy: motions to rounding, indicators, endings, refusals."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+
+import ballplate as bp
+from twin.base.errors import TwinError
+from twin.base.shipped import shipped_in
+from twin.run.assemble import assemble
+from twin.run.loop import drive
+from twin.run.record import Recorder
+from twin.scenario import load
+from twin.scenario.schema import Scenario, at_study_step
+from twin.study import compiled
+from twin.study.schema import draw_rigs, read_family
+from twin.study.work import Builder, Row, ScenarioRuns, carry_out
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc)")
+
+EXACT = ("plant.kind=lagrange", "baseline=false")
+CAMERA = (
+    "sensors.touch.frame_rate=47",
+    "sensors.touch.jitter=0.008",
+    "sensors.touch.lost=0.2",
+    "sensors.touch.dead_time_spread=0.002",
+)
+RIGS = {
+    "plain": (),
+    "held": ("sensors.noise_hold=0.01", "disturbance.variance=[1e-4, 3e-5]"),
+    "camera": CAMERA,
+    "vibration": ("plant.servo.vibration=2", "plant.servo.vibration_wander=0.3"),
+    "uneven": ("plant.surface.spread_percent=30", "plant.surface.seed=3"),
+    "sloping": ("plant.surface.slope_deg=0.1", "plant.surface.seed=4", "plant.camber=[0.4, -0.3]"),
+    "drives": ("plant.servo.bandwidth_hz=8", "plant.servo.backlash_deg=0.1"),
+}
+"""Settings of rigs with every stream of noise and with screens of their own."""
+SURFACED = ("uneven", "sloping")
+"""Rigs that need a library of their own."""
+
+
+@pytest.fixture(autouse=True)
+def quickly_compiled(request, monkeypatch):
+    """To optimise is most of what compiling takes; long tests simulate for longer than that."""
+    if request.node.get_closest_marker("long") is None:
+        flags = ["-O0" if flag == "-O3" else flag for flag in compiled.FLAGS]
+        monkeypatch.setattr(compiled, "FLAGS", flags)
+
+
+def scenario(*settings: str, name: str = "circle", seconds: float = 1.0) -> Scenario:
+    return at_study_step(load(name, [*EXACT, f"duration={seconds}", *settings]))
+
+
+def motion(of: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """True states and applied accelerations of a run in numpy."""
+    rig, controller = assemble([of], threads=1, unseen=True, as_alone=False)
+    ticks = round(of.duration / of.rig.period)
+    record = Recorder(ticks, 1, of.rig.period, keep=("state", "applied"))
+    drive(rig, controller, of.duration, record)
+    return record["state"][:, 0], record["applied"][:, 0]
+
+
+@pytest.mark.parametrize(
+    "rig",
+    [pytest.param(each, marks=[pytest.mark.long] if each in SURFACED else []) for each in RIGS],
+)
+def test_a_motion_in_c_is_that_in_numpy(rig):
+    of = scenario("seed=3", *RIGS[rig])
+    state, applied = motion(of)
+    found = compiled.compiled_runs(of).run(of)
+    assert found is not None
+    np.testing.assert_allclose(found.ball, state[:, 0::4], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.plate, state[:, 2::4], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.u, applied, rtol=0, atol=1e-10)
+
+
+def test_another_seed_has_other_noise():
+    runs = [scenario(f"seed={seed}") for seed in (3, 4)]
+    first, second = (compiled.compiled_runs(each).run(each) for each in runs)
+    assert np.abs(first.plate - second.plate).max() > 1e-6
+
+
+def rows_of(scenarios: list[Scenario]) -> tuple[list[Row], list[Row]]:
+    """Rows of runs in numpy and in C."""
+    runs = ScenarioRuns(scenarios)
+    jobs = runs.jobs(runs.tasks)
+    return carry_out(jobs), compiled.carry_out_compiled(jobs)
+
+
+def assert_same(numpy_rows: list[Row], c_rows: list[Row], rtol: float) -> None:
+    """Outcomes and reasons are equal, indicators up to a relative difference."""
+    assert len(numpy_rows) == len(c_rows)
+    for expected, found in zip(numpy_rows, c_rows, strict=True):
+        assert expected.keys() == found.keys()
+        for name, value in expected.items():
+            same = pytest.approx(value, rel=rtol, abs=1e-12) if isinstance(value, float) else value
+            assert found[name] == same, name
+
+
+@pytest.mark.long
+def test_rows_are_those_of_numpy_however_a_run_ends():
+    ends = {"aborted": ("plant.start.x=0.2", "plant.start.x_rate=0.3"), "finished": ()}
+    odd = ("controller.gains=[-1.0, -1.0, -1.0, -1.0]",)
+    expected, found = rows_of([scenario(*each) for each in (*ends.values(), odd)])
+    assert [row["outcome"] for row in expected[:2]] == list(ends)
+    assert_same(expected, found, 1e-6)
+
+
+@pytest.mark.long
+def test_one_library_serves_all_rigs_of_one_controller():
+    rigs = [scenario(f"seed={n}", f"plant.surface.seed={n}", *RIGS["uneven"][:1]) for n in (1, 2)]
+    assert compiled.compiled_runs(rigs[0]) is compiled.compiled_runs(rigs[1])
+    gains = scenario("controller.kind=lqr")
+    assert compiled.compiled_runs(gains) is not compiled.compiled_runs(scenario())
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (("plant.kind=mujoco",), "plant.kind: must be lagrange with engine = c"),
+        (("sensors.ideal=true",), "sensors.ideal"),
+        (("controller.computing_time=0.004",), "computing time"),
+        (('change=[{at = 0.5, set = {"plant.friction.rolling_mm" = 0.3}}]',), "change"),
+        (("controller.kind=mpc",), "mpc"),
+    ],
+)
+def test_what_c_does_not_know_is_refused_in_one_line(settings, words):
+    study = {
+        "title": "t",
+        "scenario": "circle",
+        "set": [*EXACT, "duration=0.1", *settings],
+        "engine": "c",
+        "method": "grid",
+        "parameters": {"plant.friction.rolling_mm": {"values": [0.1, 0.2]}},
+    }
+    with pytest.raises(TwinError, match=words) as refused:
+        bp.study(study, processes=1)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_missing_compiler_is_one_line(monkeypatch):
+    monkeypatch.setattr(compiled, "_compiled", {})
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    with pytest.raises(TwinError, match="engine: c needs a C compiler"):
+        compiled.compiled_runs(scenario())
+
+
+def test_a_study_in_c_keeps_its_runs_apart_from_those_of_python(tmp_path):
+    study = {
+        "title": "t",
+        "scenario": "circle",
+        "set": [*EXACT, "duration=0.5"],
+        "method": "grid",
+        "parameters": {"plant.friction.rolling_mm": {"values": [0.1, 0.2]}},
+    }
+    slow = bp.study(study, processes=1, out=tmp_path)
+    quick = bp.study(study, processes=1, out=tmp_path, engine="c")
+    assert {task.key for task in slow.work.tasks}.isdisjoint(task.key for task in quick.work.tasks)
+    name = "tracking_error_percent"
+    np.testing.assert_allclose(slow.to_pandas()[name], quick.to_pandas()[name], rtol=1e-6)
+    assert "compiled C" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["circle", "sine", "step", "hold"])
+@pytest.mark.parametrize("law", ["afl", "lqr", "pid"])
+def test_indicators_of_random_rigs_are_those_of_numpy(name, law):
+    family = read_family("uncertain")
+    assert "uncertain" in shipped_in("families")
+    build = Builder(name)
+    fixed = (*EXACT, "duration=8", f"controller.kind={law}")
+    rigs = [
+        at_study_step(build((*fixed, f"seed={rig.seed}"), rig.point))
+        for rig in draw_rigs(family, 77, 17)
+    ]
+    assert_same(*rows_of(rigs), rtol=1e-6)
