@@ -78,6 +78,23 @@ EFFECTS = {
     "left": {"plant__start__x": 0.2, "plant__start__x_rate": 0.3},
     "fast": {"plant__start__x": -0.2, "plant__start__x_rate": 1.0, "rig__limits__ball_speed": 0.8},
     "fell": {"plant__start__x": 0.3, "plant__start__x_rate": 0.5, "rig__limits__margin": 0.2},
+    "rim": {
+        "plant__rim__size": [0.09, 0.08],
+        "plant__rim__restitution": 0.6,
+        "plant__start__x_rate": 0.2,
+        "plant__start__y_rate": -0.3,
+        "plant__level_deg": [1.5, 0.4],
+    },
+    "stops": {
+        "plant__rim__size": [0.09, 0.0],
+        "plant__friction__rolling_mm": 0,
+        "plant__level_deg": [0.5, 0.0],
+    },
+    "bent": {
+        "plant__rim__size": [0.07, 0.07],
+        "plant__friction__presliding_um": 50.0,
+        "plant__level_deg": [1.5, 0.0],
+    },
     "cams": {"rig__cam_error_percent": [2.0, -3.0], "rig__cam_coupling_percent": 1.0},
 }
 EFFECTS["linkage"] = {
@@ -180,9 +197,31 @@ def test_an_uneven_screen_is_that_of_the_twin(library, tmp_path):
         "plant__start__x_rate": 0.2,
     }
     (tmp_path / "round").mkdir()
-    disc = CRig(made(tmp_path / "round", duration=0.02, **round_one))
+    path = made(tmp_path / "round", duration=0.02, **round_one)
+    disc = CRig(path)
     both(exact(**round_one), disc, 200)
     assert disc.get("true_on_plate")[0] == 0
+    walled = exact(plant__rim__size=[0.3, 0.3], plant__level_deg=[0.6, 0.2], **round_one)
+    disc = CRig(path, walled)
+    ours, _ = both(walled, disc, 700)
+    assert disc.get("true_on_plate")[0] == 1
+    assert np.hypot(ours[:, 6], ours[:, 10]).max() == pytest.approx(0.13)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"plant.rim.size[1]": 0.03}, "above the ball's diameter"),
+        ({"plant.rim.size[2]": 0.6}, "at most the plate's side"),
+        ({"plant.rim.size[1]": 0.1, "plant.start.x": 0.05}, "begins beyond a wall"),
+        ({"plant.rim.size[1]": 0.1, "plant.start.x": 0.02}, ""),
+    ],
+)
+def test_walls_that_cannot_be_are_refused_in_c_as_well(library, values, word):
+    c = CRig(library, **values)
+    c.enter()
+    assert (c.status("ExitInitializationMode") != 0) == bool(word)
+    assert word in "".join(c.said)
 
 
 ROWS = [[-50, -14.5], [-25, -8], [0, 0.3], [25, 8.5], [50, 15.5]]
@@ -305,6 +344,7 @@ PLACES = (
     (EFFECTS["linkage_ratio"], 1.0),
     (EFFECTS["cams"] | {"plant__plate__height": 0.05}, 1.0),
     (EFFECTS["deadband"], 1.0),
+    (EFFECTS["rim"], 1.0),
     (EFFECTS["presliding"], 1.0),
     (BOX | {"plant__start__x_rate": 0.1, "plant__start__y_rate": 0.03}, 1.0),
     (BOX | {"plant__start__x_rate": 0.03, "plant__start__y_rate": 0.1}, 1.0),

@@ -73,6 +73,7 @@ BESIDE = {
     "plant.friction.stribeck_speed": BREAKS,
     "plant.friction.dwell_time": BREAKS,
     "plant.friction.spinning_mm": {"plant.start.spin": "20.0"},
+    "plant.rim.restitution": {"plant.rim.size": "[0.06, 0.06]"},
     "plant.servo.vibration_hz": SHAKES,
     "plant.servo.vibration_wander": SHAKES,
     "plant.servo.resonance_damping": {"plant.servo.resonance_hz": "15.0"},

@@ -39,12 +39,13 @@ from twin.scenario.describe import UNIT_PATTERN, meanings
 from twin.scenario.schema import RIG_CLASSES, Scenario, changed_in_vain, left_out
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
+from twin.sim.plant.rim import Rim
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
 PARAMETER_CLASSES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),
-    *(Limits, TouchModel, EncoderModel, Linkage),
+    *(Limits, TouchModel, EncoderModel, Linkage, Rim),
 )
 """Dataclasses in the order of the value references of their settings; all others come after."""
 NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_percent"}

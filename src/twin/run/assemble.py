@@ -47,6 +47,7 @@ from twin.sim import rig as simulated
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts, Plant
+from twin.sim.plant.rim import Rim
 from twin.sim.sensors import EncoderModel, TouchModel
 
 if TYPE_CHECKING:
@@ -154,6 +155,7 @@ def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
         "size": per_rig(settings_of(TouchModel)["size"], scenarios),
         "rounded": [scenario.plant.shape == "round" for scenario in scenarios],
         "ball_spin": scenarios[0].plant.ball_spin,
+        "rim": from_scenarios(Rim, scenarios),
     }
 
 
@@ -168,6 +170,7 @@ def _mechanism(
         threads=threads,
         friction=_friction(scenarios),
         parts=list(map(parts_of, scenarios)),
+        rim=from_scenarios(Rim, scenarios),
         sensing=sensing,
     )
     return plant, _build_transmission(scenarios, plant.ratio)
@@ -233,7 +236,10 @@ PLANTS = {
         least=1,
         change=lambda plant, each: plant.change(_friction(each), list(map(parts_of, each))),
         rebuild=lambda plant, rigs, scenarios: plant.rebuild(
-            rigs, [parts_of(scenarios[rig]) for rig in rigs], _friction(scenarios)
+            rigs,
+            [parts_of(scenarios[rig]) for rig in rigs],
+            _friction(scenarios),
+            from_scenarios(Rim, scenarios),
         ),
         foresee=lambda plant, scenarios: plant.foresee(list(map(parts_of, scenarios))),
         as_alone=partial(_mechanism, sensing=True),

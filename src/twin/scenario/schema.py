@@ -25,6 +25,7 @@ from twin.hal.interface import NOMINAL_PERIOD, Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallSpin, BallStart, Parts
+from twin.sim.plant.rim import Rim
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
@@ -158,7 +159,7 @@ def _hint(about: Setting) -> Any:
     return bounded | None if default is None else bounded
 
 
-PLANT_CLASSES = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart)
+PLANT_CLASSES = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart, Rim)
 """Dataclasses with settings that are keys of ``plant``."""
 PLANT_KINDS = ["mujoco", "lagrange"]
 """What ``kind`` may name; ``twin.run.assemble.register`` adds to it."""
@@ -328,6 +329,7 @@ class PlantKeys(Section):
                 yield f"plant.start.{axis}: the plate's half is {side / 2:g} m"
         if disc and math.hypot(start.x, start.y) > x / 2:
             yield f"plant.start: the round plate's radius is {x / 2:g} m"
+        yield from self._rim_problems()
         if mechanism and self.step > 0.002:
             yield f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
         rolling = inner["friction"].rolling_mm
@@ -338,6 +340,23 @@ class PlantKeys(Section):
             )
         yield inner["ball"].problem()
         yield inner["surface"].problem()
+
+    def _rim_problems(self) -> Iterator[str]:
+        inner: Any = vars(self)
+        rim, start, ball = inner["rim"].size, inner["start"], 2 * inner["ball"].radius
+        for axis, between, side in zip("xy", rim, inner["size"], strict=True):
+            if between and not ball < between <= side:
+                yield (
+                    f"plant.rim.size: must be 0 along {axis}, for no walls, or above the ball's "
+                    f"{ball:g} m and at most the plate's {side:g} m, got {between:g}"
+                )
+            elif between and (reach := (between - ball) / 2) < abs(vars(start)[axis]):
+                yield f"plant.start.{axis}: walls let the ball's middle go {reach:g} m"
+        if self.shape == "round" and any(rim):
+            if rim[0] != rim[1]:
+                yield f"plant.rim.size: of a round plate its diameter twice, got {list(rim)}"
+            elif math.hypot(start.x, start.y) > (reach := (rim[0] - ball) / 2):
+                yield f"plant.start: the rim lets the ball's middle go {reach:g} m"
 
 
 PLANT_DEFAULTS = {
@@ -524,6 +543,7 @@ else:  # a process to which a scenario is sent finds its classes by these names
     PlantSpringTable = SCENARIO_TABLES["plant.spring"]
     PlantPlateTable = SCENARIO_TABLES["plant.plate"]
     PlantStartTable = SCENARIO_TABLES["plant.start"]
+    PlantRimTable = SCENARIO_TABLES["plant.rim"]
     SensorsEncodersTable = SCENARIO_TABLES["sensors.encoders"]
     RigLimitsTable = SCENARIO_TABLES["rig.limits"]
     PlantTable = SCENARIO_TABLES["plant"]

@@ -323,19 +323,115 @@ static void free_ball(const double *v, const Ball *ball, const Rolling *at, doub
     }
 }
 
+/* ---- Walls -------------------------------------------------------------------------------------
+
+   A rim or end stops, twin.sim.plant.rim: a ball that meets a wall rolls away at its restitution,
+   and rests against it if it would meet it twice within a step. */
+
+static const double ON_THE_WALL = 1e-9; /* share by which a ball on a round wall may be short */
+
+/* How far the middle of the ball can go along an axis, m. */
+static double reach(const double *v, int i) {
+    double between = v[PLANT_RIM_SIZE + i];
+    return between > 0 ? between / 2 - v[PLANT_BALL_RADIUS] : INFINITY;
+}
+
+static int circle(const double *v) { return ROUND && isfinite(reach(v, 0)); }
+
+static int met(const Rig *rig) {
+    double far = reach(rig->v, 0);
+    return fabs(rig->x) > far || fabs(rig->y) > reach(rig->v, 1) ||
+           (circle(rig->v) && rig->x * rig->x + rig->y * rig->y > far * far);
+}
+
+/* Direction from the middle to the ball. */
+static void outwards(double x, double y, double n[2]) {
+    double far = sqrt(x * x + y * y), by = far > 0 ? far : 1;
+    n[0] = x / by;
+    n[1] = y / by;
+}
+
+/* Place and speed along one direction after a step with constant acceleration. */
+static void stop(const double *v, double far, double before, double *x, double *speed) {
+    double side = *x < 0 ? -1 : 1, depth = side * *x - far, out = side * *speed;
+    if (!(depth > 0))
+        return;
+    double a = side * (*speed - before) / STEP;
+    double hit = sqrt(larger(out * out - 2 * a * depth, 0)), total = out + hit;
+    double left = smaller(2 * depth / (total > 0 ? total : 1), STEP);
+    double away = v[PLANT_RIM_RESTITUTION] * hit, gap = left * (away - a / 2 * left);
+    *x = side * (far - (gap <= 0 ? 0 : gap));
+    *speed = gap <= 0 ? 0 : side * (a * left - away);
+}
+
+static void rebound(Rig *rig, double vx, double vy) {
+    const double *v = rig->v;
+    if (!circle(v)) {
+        stop(v, reach(v, 0), vx, &rig->x, &rig->vx);
+        stop(v, reach(v, 1), vy, &rig->y, &rig->vy);
+        return;
+    }
+    double n[2], far = sqrt(rig->x * rig->x + rig->y * rig->y);
+    outwards(rig->x, rig->y, n);
+    double there = far, speed = n[0] * rig->vx + n[1] * rig->vy, after = speed;
+    stop(v, reach(v, 0), n[0] * vx + n[1] * vy, &there, &after);
+    rig->x += (there - far) * n[0];
+    rig->y += (there - far) * n[1];
+    rig->vx += (after - speed) * n[0];
+    rig->vy += (after - speed) * n[1];
+}
+
+/* What is wrong with the walls and where the ball begins; NULL if nothing is. */
+static const char *misplaced(const double *v) {
+    double x = v[PLANT_START_X], y = v[PLANT_START_Y], far = reach(v, 0);
+    for (int i = 0; i < 2; i++) {
+        double between = v[PLANT_RIM_SIZE + i];
+        if (between > 0 && !(reach(v, i) > 0 && between <= v[PLANT_SIZE + i]))
+            return "plant.rim.size: must be 0, or above the ball's diameter and at most the plate's side";
+    }
+    if (ROUND && v[PLANT_RIM_SIZE] != v[PLANT_RIM_SIZE + 1])
+        return "plant.rim.size: of a round plate its diameter twice";
+    if (fabs(x) > far || fabs(y) > reach(v, 1) || (circle(v) && x * x + y * y > far * far))
+        return "plant.start: the ball begins beyond a wall";
+    return NULL;
+}
+
+/* Acceleration that is left to a ball at rest on a wall. */
+static void support(const double *v, double x, double vx, double y, double vy, double a[2]) {
+    if (vx != 0 || vy != 0)
+        return;
+    if (circle(v)) {
+        double n[2];
+        outwards(x, y, n);
+        double push = larger(n[0] * a[0] + n[1] * a[1], 0);
+        if (!(n[0] * x + n[1] * y >= reach(v, 0) * (1 - ON_THE_WALL)))
+            return;
+        a[0] -= push * n[0];
+        a[1] -= push * n[1];
+        return;
+    }
+    if (fabs(x) >= reach(v, 0) && a[0] * x > 0)
+        a[0] = 0;
+    if (fabs(y) >= reach(v, 1) && a[1] * y > 0)
+        a[1] = 0;
+}
+
+/* ---- Motion ------------------------------------------------------------------------------------ */
+
 /* Acceleration with resistance: a moving ball is slowed against its velocity, a resting one starts
    only when the free acceleration exceeds the limit, a bent contact pushes back. */
 static void accelerate(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
                        double y, double vy, double q, double a[2]) {
     free_ball(rig->v, ball, at, x, vx, y, vy, q, a);
-    if (absent(rig->v))
-        return;
-    double most = limit(rig, ball, at, x, vx, y, vy), s = rig->v[PLANT_FRICTION_PRESLIDING];
-    if (s > 0) {
+    double s = rig->v[PLANT_FRICTION_PRESLIDING];
+    double most = absent(rig->v) ? 0 : limit(rig, ball, at, x, vx, y, vy);
+    if (!absent(rig->v) && s > 0) {
         a[0] -= most * (rig->bend[0] / s);
         a[1] -= most * (rig->bend[1] / s);
-        return;
     }
+    support(rig->v, x, vx, y, vy, a);
+    if (absent(rig->v) || s > 0)
+        return;
     double speed = sqrt(vx * vx + vy * vy);
     if (speed > 0) {
         a[0] -= most / speed * vx;
@@ -357,6 +453,7 @@ static int held(const Rig *rig, const Ball *ball, const Rolling *at) {
     if (!(vx * vx + vy * vy <= reach * reach))
         return 0;
     free_ball(rig->v, ball, at, x, 0, y, 0, rig->q, a);
+    support(rig->v, x, 0, y, 0, a);
     double hold = limit(rig, ball, at, x, 0, y, 0);
     return a[0] * a[0] + a[1] * a[1] <= hold * hold;
 }
@@ -384,8 +481,12 @@ static void roll_on(Rig *rig, const Ball *ball, const Rolling at[3]) {
     rig->q = q - h / 6 * (q1 + 2 * (q2 + q3) + q4);
     rig->x = x + h / 6 * (vx + 2 * (vx2 + vx3) + vx4);
     rig->y = y + h / 6 * (vy + 2 * (vy2 + vy3) + vy4);
-    rig->vx = rests ? 0 : vx + h / 6 * (a[0] + 2 * (b[0] + c[0]) + e[0]);
-    rig->vy = rests ? 0 : vy + h / 6 * (a[1] + 2 * (b[1] + c[1]) + e[1]);
+    rig->vx = vx + h / 6 * (a[0] + 2 * (b[0] + c[0]) + e[0]);
+    rig->vy = vy + h / 6 * (a[1] + 2 * (b[1] + c[1]) + e[1]);
+    if (met(rig))
+        rebound(rig, vx, vy);
+    if (rests)
+        rig->vx = rig->vy = 0;
     bend_on(rig, rig->vx, rig->vy, half);
     if (rig->ageing)
         rig->age = aged(rig->v, rig->age, hypot(vx + rig->vx, vy + rig->vy) / 2, h);
@@ -854,6 +955,8 @@ const char *model_begin(Rig *rig) {
     if (BALL_SPIN != FREE && rig->v[PLANT_START_SPIN] != 0)
         return "plant.start.spin must be 0: the ball of this FMU has no spin as a state";
     const char *wrong = misfit(rig->v);
+    if (!wrong)
+        wrong = misplaced(rig->v);
     if (wrong)
         return wrong;
     memcpy(v, rig->v, sizeof v);

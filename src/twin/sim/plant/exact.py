@@ -56,6 +56,7 @@ from twin.hal.interface import SCREEN_SIZE_M
 from twin.hal.linkage import Transmitting
 from twin.sim.plant.friction import Contacts, Friction, resist
 from twin.sim.plant.interface import BallSpin, tilted_gravity
+from twin.sim.plant.rim import Rim, Walls
 
 
 class RollingModel(NamedTuple):
@@ -179,6 +180,8 @@ class BallMotion(Contacts):
         rigs: Number of balls.
         step: Physics step in s.
         spin: What the balls' spin does.
+        rim: Walls that stop the balls; None for none.
+        rounded: Whether the plates are round, shape () or (N,).
     """
 
     def __init__(
@@ -189,6 +192,8 @@ class BallMotion(Contacts):
         rigs: int,
         step: float,
         spin: BallSpin = "free",
+        rim: Rim | None = None,
+        rounded: ArrayLike = False,
     ) -> None:
         super().__init__(friction, rigs)
         self.model = model
@@ -209,6 +214,12 @@ class BallMotion(Contacts):
         if friction is not None and friction.constant:
             grip = model.c1 * (np.asarray(friction.rolling) / model.radius)
             self._grip = grip.item() if self.single else grip
+        self.walls: Walls | None = None
+        """Walls that stop the balls."""
+        if rim is not None and rim.given:
+            self.walls = Walls(rim, model.radius, rounded, rigs=rigs, single=self.single)
+            if friction is None:
+                self._acceleration = self._supported
 
     @property
     def spin(self) -> Array:
@@ -249,6 +260,9 @@ class BallMotion(Contacts):
         after_vx = vx + sixth * (ax + 2 * (ax2 + ax3) + ax4)
         after_vy = vy + sixth * (ay + 2 * (ay2 + ay3) + ay4)
         self._spin_speed = q - sixth * (lost + 2 * (lost2 + lost3) + lost4)
+        if self.walls is not None and self.by.any(self.walls.met(after_x, after_y)):
+            after = after_x, after_vx, after_y, after_vy
+            after_x, after_vx, after_y, after_vy = self.walls.rebound(h, ball, after)
         if self.friction is not None:
             held, where = self._held(ball, begin, q), self.by.where
             after_vx, after_vy = where(held, 0.0, after_vx), where(held, 0.0, after_vy)
@@ -272,16 +286,24 @@ class BallMotion(Contacts):
         slope = self.model.c1 * at.normal * self._slope(np.stack((x, y), axis=-1))[1].T
         return ax - slope[0], ay - slope[1]
 
+    def _supported(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any, q: Any) -> tuple[Any, Any]:
+        """Acceleration of the ball without resistance, where a wall takes what pushes on it."""
+        free = self._free(at, x, vx, y, vy, q)
+        return free if self.walls is None else self.walls.support(x, vx, y, vy, free)
+
     def _resisted(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any, q: Any) -> tuple[Any, Any]:
         """Acceleration of the ball with resistance."""
         assert self.friction is not None
-        ax, ay = self._free(at, x, vx, y, vy, q)
         limit = self._limit(at, x, vx, y, vy)
-        stiff = resist(limit, (vx, vy), (ax, ay), self.by)
+        supported = self._supported(at, x, vx, y, vy, q)
+        stiff = resist(limit, (vx, vy), supported, self.by)
         if not self._bending:
             return stiff
         share, bends = self.friction.share(self.bend).T, np.asarray(self.friction.presliding) > 0
+        ax, ay = self._free(at, x, vx, y, vy, q)
         soft = ax - limit * share[0], ay - limit * share[1]
+        if self.walls is not None:
+            soft = self.walls.support(x, vx, y, vy, soft)
         return np.where(bends, soft[0], stiff[0]), np.where(bends, soft[1], stiff[1])
 
     def _limit(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> Any:
@@ -304,7 +326,7 @@ class BallMotion(Contacts):
         if not self.by.any(slow):
             return slow
         rest = 0.0 * x
-        ax, ay = self._free(at, x, rest, y, rest, q)
+        ax, ay = self._supported(at, x, rest, y, rest, q)
         hold = self._limit(at, x, rest, y, rest)
         return slow & (ax * ax + ay * ay <= hold * hold)
 
@@ -332,6 +354,7 @@ class ExactPlant:
         rounded: Whether it is round, with the first side as its diameter, shape () or (N,).
         linkage: What lies between servos and plate; None for servos on the plate's axes.
         ball_spin: What the spin of the balls about the plate's normal does.
+        rim: Walls that stop the balls; None for plates that they may fall off.
     """
 
     channels: tuple[str, ...] = ()
@@ -348,13 +371,14 @@ class ExactPlant:
         rounded: ArrayLike = False,
         linkage: Transmitting | None = None,
         ball_spin: BallSpin = "free",
+        rim: Rim | None = None,
     ) -> None:
         self.rigs = rigs
         self.ratio: Number = 1.0 if linkage is None else linkage.ratio
         self.linkage = linkage
         self.step = step
-        self._equip(model or BallPlate(), friction, level, ball_spin)
         self._shape(size, rounded)
+        self._equip(model or BallPlate(), friction, level, ball_spin, rim)
         self._x: Array = np.zeros((rigs, 8))
         self._fallen = np.zeros(rigs, bool)
         self.start(np.zeros((rigs, 4)))
@@ -362,12 +386,12 @@ class ExactPlant:
     def change(self, size: ArrayLike, rounded: ArrayLike, **equations: Any) -> None:
         """Go on with a new screen, ball, friction and level; arguments as in the constructor."""
         before = self._balls
+        self._shape(size, rounded)
         self._equip(**equations)
         self._balls.go_on(before, self._x)
-        self._shape(size, rounded)
 
     def _shape(self, size: ArrayLike, rounded: ArrayLike) -> None:
-        self._half = self._components(np.broadcast_to(np.divide(size, 2), (self.rigs, 2)))
+        self._sides = np.broadcast_to(np.asarray(size, float), (self.rigs, 2))
         self._rounded = np.broadcast_to(np.asarray(rounded, bool), (self.rigs,))
         self._round = bool(self._rounded.any())
 
@@ -377,10 +401,20 @@ class ExactPlant:
         friction: Friction | None,
         level: ArrayLike,
         ball_spin: BallSpin = "free",
+        rim: Rim | None = None,
     ) -> None:
         self.model, self.friction, self.ball_spin = model, friction, ball_spin
-        self._balls = BallMotion(model, friction, rigs=self.rigs, step=self.step, spin=ball_spin)
+        self._balls = BallMotion(
+            model,
+            friction,
+            rigs=self.rigs,
+            step=self.step,
+            spin=ball_spin,
+            rim=rim,
+            rounded=self._rounded,
+        )
         self._single = self._balls.single
+        self._half = self._components(self._sides / 2)
         gravity = tilted_gravity(level, model.gravity).T
         self._gravity: Any = gravity.ravel().tolist() if self._single else gravity
 

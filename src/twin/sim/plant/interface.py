@@ -386,6 +386,17 @@ def from_plate(vector: Array, phi: Array, theta: Array) -> Array:
     return np.stack((x, y, np.sin(theta) * b + np.cos(theta) * z), axis=-1)
 
 
+def in_own_axes(vector: Array, orientation: Array) -> Array:
+    """A vector of rig axes in the axes of a body, shape (N, 3).
+
+    Args:
+        vector: Its components in rig axes, shape (N, 3).
+        orientation: Unit quaternion (w, x, y, z) of the body, shape (N, 4).
+    """
+    w, axis = orientation[:, :1], -orientation[:, 1:]
+    return vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
+
+
 def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array) -> Array:
     """Position and velocity of the ball in plate axes.
 

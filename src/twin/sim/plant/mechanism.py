@@ -22,10 +22,12 @@ from twin.sim.plant.interface import (
     Parts,
     ball_in_plate,
     from_plate,
+    in_own_axes,
     one_ball_in_plate,
     rolling_ball,
 )
 from twin.sim.plant.model import RigModels, motor_ratio
+from twin.sim.plant.rim import Rim, Walls
 
 Indices = NDArray[np.integer]
 
@@ -207,6 +209,9 @@ _ISLAND_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 
 _ZERO_CONSTANT = constant(0.0)
 
+BALL = (0, 1, 4, 5)
+"""Columns of (x, x', y, y') in the state."""
+
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 
@@ -219,6 +224,9 @@ class Mechanism:
         threads: Threads to step on, 0 for one a processor; one rig needs only one.
         friction: Rolling resistance of the ball; None for the model's own.
         parts: What differs from the model file, one for all or one a rig.
+        rim: Walls that stop the balls; None for none. They are no contacts of the engine, which are
+            soft and bounce by step and damping: a ball that has met one is given the speed of
+            ``rim.Walls`` after each physics step, as it slides, spins and lifts then.
         sensing: Whether the engine's sensors see the balls; numpy does otherwise, which rounds
             differently. None for what is faster with so many rigs.
 
@@ -234,6 +242,7 @@ class Mechanism:
         friction: Friction | None = None,
         parts: Parts | Sequence[Parts] | None = None,
         *,
+        rim: Rim | None = None,
         sensing: bool | None = None,
     ) -> None:
         self.rigs = rigs
@@ -253,8 +262,9 @@ class Mechanism:
         self._ctrl: Array = self._batch.bind("ctrl")
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
-        self._shape()
+        self._rim = rim
         self._height = self._models.heights()
+        self._shape()
         self._contact = None if friction is None else self._touching(friction)
         # how often friction that changes with speed or place is updated: every 2 ms
         self._stride = max(1, round(0.002 / self.step))
@@ -280,7 +290,11 @@ class Mechanism:
             self._batch.forward(None, _VELOCITY_STAGE)
 
     def rebuild(
-        self, rigs: NDArray[np.integer], parts: Sequence[Parts], friction: Friction
+        self,
+        rigs: NDArray[np.integer],
+        parts: Sequence[Parts],
+        friction: Friction,
+        rim: Rim | None = None,
     ) -> None:
         """Build some rigs anew, as others; ``begin`` must follow.
 
@@ -288,18 +302,24 @@ class Mechanism:
             rigs: Their numbers, shape (k,).
             parts: What of each of them differs from the model file.
             friction: Of all rigs.
+            rim: Of all rigs.
 
         Raises:
             ModelError: If a number is out of range.
         """
         self._models.rebuild(self._batch, rigs, parts)
         self._height[rigs] = self._models.heights(rigs)
+        self._rim = rim
         self._shape()
         self._exchange_friction(friction)
 
     def _shape(self) -> None:
         self._half, self._surface, self._rounded = self._models.shapes()
         self._any_round = bool(self._rounded.any())
+        self._walls: Walls | None = None
+        if self._rim is not None and self._rim.given:
+            radius = self._height - self._surface
+            self._walls = Walls(self._rim, radius, self._rounded, rigs=self.rigs)
 
     def _exchange_friction(self, friction: Friction) -> None:
         """Let the balls roll on with other friction."""
@@ -373,6 +393,36 @@ class Mechanism:
             steps -= stride
 
     def _step(self, steps: int) -> None:
+        walls = self._walls
+        if walls is None or not walls.near(self.state[:, BALL].T, steps * self.step).any():
+            self._roll(steps)
+            return
+        for _ in range(steps):
+            before = self.state[:, BALL].T
+            self._roll(1)
+            after = self.state[:, BALL].T
+            met = walls.met(after[0], after[2])
+            if met.any():
+                stopped = np.array(walls.rebound(self.step, before, after))
+                self._throw(np.flatnonzero(met), (stopped - after)[:, met])
+
+    def _throw(self, rigs: NDArray[np.integer], change: Array) -> None:
+        """Add to (x, x', y, y') of some balls, (4, k); slip, spin and lift stay as they are."""
+        at = self._at
+        angles, rates = self._qpos[rigs].T[at.poses[:2]], self._qvel[rigs].T[at.rates[:2]]
+        zero, radius = np.zeros(len(rigs)), (self._height - self._surface)[rigs]
+        _, _, plate = rolling_ball(angles, rates, np.zeros((4, len(rigs))), zero, radius)
+        centre, velocity, turning = rolling_ball(angles, rates, change, zero, radius)
+        pose, rate = at.ball_pose.start, at.ball_rate.start
+        faces = self._qpos[rigs, pose + 3 : pose + 7]
+        self._qpos[rigs, pose : pose + 3] += centre
+        self._qvel[rigs, rate : rate + 3] += velocity
+        self._qvel[rigs, rate + 3 : rate + 6] += in_own_axes(turning - plate, faces)
+        if self._sensing:
+            self._batch.forward(rigs, _VELOCITY_STAGE)
+        self._look()
+
+    def _roll(self, steps: int) -> None:
         if self._sensing:
             # sensors lag one step behind unless their stage is computed again at the new state
             self._batch.step(None, steps, _VELOCITY_STAGE)
