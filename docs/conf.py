@@ -11,7 +11,7 @@ extensions = [
     "sphinx_copybutton",
 ]
 copybutton_selector = ".highlight-sh pre, .highlight-toml pre, .highlight-python pre"
-exclude_patterns = ["**/*.template.md"]
+exclude_patterns = ["**/*.template.md", "changes"]
 html_theme = "furo"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
