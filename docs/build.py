@@ -1,6 +1,7 @@
 """Makes the site: every page of this folder, the commands and the Python interface, searchable.
 
 uv run python docs/build.py            # into site/; ballplate docs opens it
+uv run python docs/build.py FOLDER     # into an empty folder
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ MADE = {
     "reference-python.md": ("The Python interface", PYTHON + "".join(members())),
 }
 """Pages made of the program: file, title, text."""
+MENU = "\n```{{toctree}}\n:hidden:\n\n{}\n```\n"
 
 
 def source(folder: Path) -> None:
@@ -66,8 +68,8 @@ def source(folder: Path) -> None:
         page.write_text(within(HERE / page.relative_to(folder)), encoding="utf-8")
     for name, (_, text) in MADE.items():
         (folder / name).write_text(text, encoding="utf-8")
-    index = folder / "index.md"
-    index.write_text(index.read_text(encoding="utf-8") + contents(folder), encoding="utf-8")
+    for name, text in sections((folder / "index.md").read_text(encoding="utf-8")).items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def within(page: Path) -> str:
@@ -89,31 +91,36 @@ def within(page: Path) -> str:
     return LINK.sub(kept, page.read_text(encoding="utf-8"))
 
 
-def contents(folder: Path) -> str:
-    """The table of contents, in the order and under the headings of the index."""
-    index = (folder / "index.md").read_text(encoding="utf-8")
-    listed: set[str] = {"index.md"}
-    parts = [f"- [{title}]({name})\n" for name, (title, _) in MADE.items()]
-    for heading, *below in (part.split("\n") for part in index.split("\n## ")[1:]):
-        pages = [match[2] for match in LINK.finditer("\n".join(below)) if match[2].endswith(".md")]
-        pages = [page for page in dict.fromkeys(pages) if page not in listed]
-        listed |= set(pages)
-        pages += [*MADE] if heading == "Reference" else []
-        lines = "\n".join(page.removesuffix(".md") for page in pages)
-        parts.append(f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n{lines}\n```\n")
-    return "".join(parts)
+def sections(index: str) -> dict[str, str]:
+    """The start page with a menu of the index's headings, and a page for each of its lists."""
+    start, *parts = index.split("\n## ")
+    made = dict[str, str]()
+    menu = list[str]()
+    for part in parts:
+        heading, _, text = part.partition("\n")
+        pages = [each[2] for each in LINK.finditer(text) if each[2].endswith(".md")]
+        if heading == "Reference":
+            pages += MADE
+            text += "".join(f"- [{title}]({name})\n" for name, (title, _) in MADE.items())
+        name = pages[0]
+        if len(pages) > 1:
+            name = re.sub(r"\W+", "-", heading.lower()) + ".md"
+            made[name] = f"# {heading}\n{text}" + MENU.format("\n".join(pages))
+        menu.append(f"{heading} <{name}>")
+    return made | {"index.md": start + "\n" + MENU.format("\n".join(menu))}
 
 
-def main() -> None:
-    """Make the site; a warning of any page is an error."""
+def main(out: Path | None = None) -> None:
+    """Make the site, again in ``site`` or in an empty folder; a warning of any page is an error."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "pages"
         source(folder)
-        out = HERE.parent / "site"
-        shutil.rmtree(out, ignore_errors=True)
+        if out is None:
+            out = HERE.parent / "site"
+            shutil.rmtree(out, ignore_errors=True)
         options = ["-q", "-W", "--keep-going", "-c", str(HERE), "-d", f"{temporary}/trees"]
         sys.exit(sphinx([*options, "-b", "html", str(folder), str(out)]))
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(Path, sys.argv[1:]))

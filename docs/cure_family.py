@@ -130,12 +130,12 @@ def excused(asked: list[dict[str, Any]], table: dict[str, Found]) -> str:
         ]
     above = [words for share, words in floors if share > 1]
     if above:
-        start = "The floor stands above the goal and excuses what misses it: "
+        start = "The floor is above the goal, so no controller could reach the goal: "
         return start + "; ".join(above)
     nearest = max(floors, key=lambda each: each[0])[1]
     return (
-        f"Of none of these {len(floors)} circles, of the worst rigs here and the nominal one at 58 "
-        f"frames/s, the floor stands above the goal: nearest to it is {nearest}. It excuses none."
+        f"The floor is below the goal on all {len(floors)} circles, those of the worst rigs and "
+        f"the nominal one at 58 frames/s, so it excuses no miss. The nearest is {nearest}."
     )
 
 

@@ -1,13 +1,13 @@
 # %% [markdown]
 # # A baseline that learns
-# What CMA-ES adds to approximate feedback linearisation on the circle. The law of the shipped
-# scenario runs as it is, every control period, behind its observer and predictor; eight numbers say
-# what plate acceleration is added to it: from the error, its rate, its leaky integral and the
+# This page shows how much CMA-ES improves approximate feedback linearisation on the circle. The law
+# of the shipped scenario runs unchanged in every control period, with its observer and predictor.
+# Eight numbers add a plate acceleration: from the error, its rate, its leaky integral and the
 # direction in which the goal moves, each along and across. So few numbers need neither gradient nor
 # network: a search that ranks policies by their reward finds them in a few hundred episodes.
-# Everything is done through `gymnasium.make_vec("ballplate.gym:ballplate/Track-v0")`: the policies
-# of all learning seeds are rigs of one vector environment, and its reward is what is searched for.
-# It needs the extra `gym`, and `pip install cmaes`.
+# Everything uses `gymnasium.make_vec("ballplate.gym:ballplate/Track-v0")`: the policies of all
+# learning seeds are rigs of one vector environment, and the search maximises its reward. It needs the
+# extra `gym`, and `pip install cmaes`.
 
 # %%
 from pathlib import Path
@@ -114,13 +114,12 @@ half = student.ppf(0.975, SEEDS - 1) * curve.std(axis=0, ddof=1) / np.sqrt(SEEDS
 text = f"""
 ![Tracking error over episodes](learning.png)
 
-Of the law alone the episodes of learning have {alone.mean():.2f} %, of the mean policies after the
-last generation {mean[-1]:.2f} % +- {half[-1]:.2f} % (95 % interval of the mean of {SEEDS} learning
-seeds, each generation on noise not seen before). That is one circle on one nominal rig, and no
-more.
+Tracking error in the episodes of learning: {alone.mean():.2f} % with the law alone, and with the mean
+policies after the last generation {mean[-1]:.2f} % +- {half[-1]:.2f} % (95 % interval of the mean of
+{SEEDS} learning seeds, each generation on new noise). This holds for one circle on one nominal rig.
 
-The verdict: the shipped circle, its physics step and its judging, on noise never seen; then rigs of
-the family `uncertain`, which learning never saw either.
+The table shows the shipped circle with its physics step and indicator, on new noise, and rigs of the
+family `uncertain`, which are new to the learned policies, too.
 
 {markdown(heads, rows)}
 Budget: {SEEDS} learning seeds, {GENERATIONS} generations of {POLICIES} episodes of {DURATION:g} s

@@ -5,6 +5,8 @@ The pages for maintainers: what they show works, and every generated page can be
 import importlib.util
 import re
 import shlex
+import subprocess
+import sys
 import tomllib
 from collections import Counter
 from itertools import pairwise
@@ -37,7 +39,7 @@ WRITTEN = {
     "explained.md", "extending.md", "fit.md", "from-matlab.md",
     "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md",
     "run.md", "see.md", "simulink.md", "solvers.md", "studies.md", "thesis.md", "tune.md",
-    "tutorial.md", "whatif.md", "wire.md", "your-rig.md",
+    "tutorial.md", "version-0.1.0.md", "whatif.md", "wire.md", "your-rig.md",
 }  # fmt: skip
 """Pages without a template that nothing makes."""
 SMOOTH = "plant.friction.rolling_mm=0"
@@ -226,9 +228,11 @@ def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command():
     ]
     assert len(made) == len(set(made))
     assert all(list(docs.glob(each)) for page in regenerate.PAGES.values() for each in page.files)
-    here = {path for path in docs.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    left_out = {"__pycache__", "changes"}
+    here = {path for path in docs.rglob("*") if path.is_file() and not left_out & {*path.parts}}
     left = here - set(made)
-    makers = {each for each in left if each.suffix in {".py", ".toml"} or ".template." in each.name}
+    suffixes = {".py", ".toml", ".css", ".js"}
+    makers = {each for each in left if each.suffix in suffixes or ".template." in each.name}
     assert left - makers == {docs / name for name in WRITTEN}
 
 
@@ -249,6 +253,18 @@ def test_cycles_of_a_processor_are_those_of_its_manual():
     known[2] = known[2]._replace(name="sha256h")
     with pytest.raises(ValueError, match=r"no cycles of sha256h"):
         board.cycles([0, 2, 4], known)
+
+
+def test_every_note_of_a_change_becomes_a_part_of_the_changelog():
+    notes = ROOT / "docs" / "changes"
+    kinds = "added|changed|fixed|removed"
+    for note in notes.iterdir():
+        assert note.name == "README.md" or re.fullmatch(rf"\+[\w-]+\.({kinds})\.md", note.name)
+    command = [sys.executable, "-m", "towncrier", "build", "--draft", "--version", "9.9.9"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    for note in notes.glob("+*.md"):
+        assert note.read_text(encoding="utf-8").split()[-1] in done.stdout, note.name
+    assert done.stdout.startswith("## 9.9.9")
 
 
 def test_no_page_is_longer_than_250_lines():
@@ -299,11 +315,13 @@ def test_every_file_and_heading_that_a_page_links_to_exists():
             assert not anchor or anchor in anchors(file), f"{page.name}: {target}"
 
 
-def test_the_index_links_every_page_once():
-    index = ROOT / "docs" / "index.md"
-    linked = Counter(re.findall(r"\]\((?!\.\.)([^)]+)\)", index.read_text(encoding="utf-8")))
+def test_the_index_lists_every_page_once():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    lists = index[index.index("\n## ") :]
+    linked = Counter(re.findall(r"\]\((?!\.\.)([^)]+)\)", lists))
     here = (path.relative_to(ROOT / "docs") for path in (ROOT / "docs").rglob("*.md"))
     pages = {path.as_posix() for path in here if ".template" not in path.name} - {"index.md"}
+    pages = {page for page in pages if not page.startswith("changes/")}
     assert linked == dict.fromkeys(pages, 1)
 
 
