@@ -51,7 +51,6 @@ def test_a_first_look_finds_gain_delay_and_level_of_a_rig(log):
     assert found.delay == pytest.approx(TRUTH["dead_time"] + TRUTH["lag"], abs=0.015)
     assert found.level == pytest.approx(TRUTH["level"], abs=0.01)
     assert found.at_ends == 0.0
-    assert found.describe_ends("x") == []
     told = found.describe("x", "rad")
     assert told.startswith("first look, x: gain ")
     assert "end stop" not in told
@@ -74,7 +73,7 @@ def test_a_first_look_leaves_out_where_the_ball_is_at_an_end_stop():
     log = AxisLog(time[seen], tilt[seen], False, time[seen], ball)
     found = look_first(log)
     assert found.at_ends > 0.2
-    assert "an end stop holds the ball" in found.describe_ends("x")[0]
+    assert "% at an end stop" in found.describe("x", "rad")
     assert found.gain == pytest.approx(6.0, rel=0.05)
     whole = look_first(log, replace(WEAK_FORM, min_end_share=1.0, min_speed_m_s=-1.0))
     assert whole is None or abs(whole.gain - 6.0) > 3 * abs(found.gain - 6.0)

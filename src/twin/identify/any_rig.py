@@ -13,7 +13,8 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
-from twin.identify.first_look import look_first
+from twin.identify.end_stops import describe_stops, find_end_stops
+from twin.identify.first_look import FirstLook, look_first
 from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
@@ -43,6 +44,7 @@ from twin.identify.verdicts import (
     corner_frequency,
     score,
 )
+from twin.identify.windows import usual_free_time
 
 AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and the sign that makes a level along them a tilt of the base."""
@@ -56,6 +58,7 @@ class AxisSelection:
 
     Attributes:
         window_s: Length of the windows.
+        least_window_s: The same of a ball that rolls from one end stop to the next.
         shorter_window_shares: Lengths of the windows of further fits, as shares of it: a model
             error shows as a different value there.
         optional_parameters: Fitted if they reduce the prediction error, unless requested.
@@ -76,6 +79,7 @@ class AxisSelection:
     """
 
     window_s: float = 2.5
+    least_window_s: float = 0.3
     shorter_window_shares: tuple[float, ...] = (0.5, 0.32)
     optional_parameters: tuple[str, ...] = ("camber", "viscous")
     accepted_error_share: float = 0.9
@@ -207,12 +211,14 @@ def identify_axes(
         for axis in first.unit
     }
     say(_describe_work(joined, first.source))
-    for axis, look in ((axis, look_first(log)) for axis, log in joined.items()):
-        if look:
+    looks = {axis: look_first(log) for axis, log in joined.items()}
+    for axis, log in list(joined.items()):
+        if look := looks[axis]:
             say(look.describe(axis, first.unit[axis]))
-            notes += look.describe_ends(axis)
+            joined[axis] = replace(log, stops=find_end_stops(log, look))
+            notes += describe_stops(axis, joined[axis])
     fits, found, reasons, remarks_on_fits = _fit_axes(
-        joined, first.unit, names, selection, progress
+        joined, first.unit, looks, names, selection, progress
     )
     notes += remarks_on_fits
     if not fits:
@@ -247,6 +253,7 @@ def identify_axes(
 def _fit_axes(
     logs: Mapping[str, AxisLog],
     units: Mapping[str, str],
+    looks: Mapping[str, FirstLook | None],
     names: tuple[str, ...],
     selection: AxisSelection,
     progress: Callable[[float, str], None],
@@ -256,6 +263,7 @@ def _fit_axes(
     Args:
         logs: The joined logs by axis, x or y.
         units: Unit of the command by axis.
+        looks: First looks at them.
         names: Parameters that are fitted in addition to the smooth ones.
         selection: Constants of the fit.
         progress: Called with the share of the work done and the name of the next step.
@@ -274,7 +282,9 @@ def _fit_axes(
 
         try:
             _check_excited(log)
-            fit, about = _select_model(log, names, selection, advance)
+            fit, about = _select_model(
+                log, names, _fit_between_stops(log, selection), advance, looks[axis]
+            )
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             found += [
@@ -396,6 +406,16 @@ def _join_logs(
     return AxisLog(time, tilt, logs[0].held, sampled, ball, across, lever=lever)
 
 
+def _fit_between_stops(log: AxisLog, selection: AxisSelection) -> AxisSelection:
+    """Constants with windows as long as the ball usually rolls from one end stop to the next."""
+    if log.stops is None:
+        return selection
+    longest = min(max(usual_free_time(log), selection.least_window_s), selection.window_s)
+    search = selection.fitting.search
+    search = replace(search, first_window_s=min(search.first_window_s, longest))
+    return replace(selection, window_s=longest, fitting=replace(selection.fitting, search=search))
+
+
 def _check_excited(log: AxisLog) -> None:
     if float(np.ptp(log.tilt)) == 0.0:
         raise LogError("nobody moved this axis in the log; tilt it to and fro to identify it")
@@ -411,6 +431,7 @@ def _select_model(
     names: tuple[str, ...],
     selection: AxisSelection = AXIS_SELECTION,
     advance: Callable[[float, str], None] = lambda *_: None,
+    look: FirstLook | None = None,
 ) -> tuple[AxisFit, list[str]]:
     """The fit with the parameters that reduce the prediction error, and notes on it.
 
@@ -419,6 +440,7 @@ def _select_model(
         names: Parameters that are fitted next to the usual ones; none for those that are useful.
         selection: Constants.
         advance: Called with the share of the work done, and what is done next.
+        look: A first look at it.
     """
     notes: list[str] = []
     longest, fitting = selection.window_s, selection.fitting
@@ -432,7 +454,7 @@ def _select_model(
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
     advance(0.0, "windows from no first guess")
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
-    fits = [fit_axis(each, chosen, longest, delays, fitting) for each in ways]
+    fits = [fit_axis(each, chosen, longest, delays, fitting, look) for each in ways]
     # of all windows, not the usual one, in which the ball may rest; 10 um are as good as none
     squares = [f.sigma**2 * f.problem.misfit(f.found.linearisation.r) for f in fits]
     at = int(np.argmin([np.log(1e-10 + each).mean() for each in squares]))
@@ -445,7 +467,7 @@ def _select_model(
     behind = dead_time < least + 0.01 and lag < 0.02
     if behind or dead_time > most - 0.01:
         wider = (-0.5 if behind or not log.held else 0.0, 1.0)
-        fit = fit_axis(log, chosen, longest, wider, fitting)
+        fit = fit_axis(log, chosen, longest, wider, fitting, look)
         notes.append(
             "dead time at a bound, which was widened: it holds what the clocks of camera and "
             "command differ by, and is negative where that is more"

@@ -76,6 +76,8 @@ class FirstLook:
         delay: Dead time and lag together, s.
         level: m/s^2.
         level_std: Its standard deviation.
+        friction: m/s^2.
+        camber: 1/s^2.
         windows: Number of windows in which the ball rolls freely.
         at_ends: Share of the time in which the ball is at an end stop.
     """
@@ -85,20 +87,10 @@ class FirstLook:
     delay: float
     level: float
     level_std: float
+    friction: float
+    camber: float
     windows: int
     at_ends: float
-
-    def describe_ends(self, axis: str) -> list[str]:
-        """A note on end stops; none without any."""
-        if not self.at_ends:
-            return []
-        low, high = self.gain - 2 * self.gain_std, self.gain + 2 * self.gain_std
-        return [
-            f"{axis}: an end stop holds the ball for {100 * self.at_ends:.0f} % of the time, which "
-            "no parameter describes: keep the ball off the ends; where it rolls freely the gain is "
-            f"{digits(self.gain)} ({digits(low)} to {digits(high)}), dead time + lag "
-            f"{self.delay:.2f} s"
-        ]
 
     def describe(self, axis: str, unit: str) -> str:
         """In a sentence.
@@ -182,6 +174,8 @@ def look_first(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
         delay=delay,
         level=float(found[1]),
         level_std=float(std[1]),
+        friction=rub,
+        camber=float(found[3]),
         windows=round(independent),
         at_ends=at_ends if at_ends > how.min_end_share else 0.0,
     )

@@ -273,6 +273,23 @@ class ColumnWanted:
 
 
 @dataclass(frozen=True)
+class EndStops:
+    """Walls between which the ball rolls.
+
+    Attributes:
+        low: Position of the ball at the lower one, m; minus infinity if there is none.
+        high: Position at the upper one, m; infinity if there is none.
+        restitution: Speed after a bounce over the speed before.
+        touches: When the ball touches one: begin and end in s, by rising time, shape (2, N).
+    """
+
+    low: float
+    high: float
+    restitution: float
+    touches: Array
+
+
+@dataclass(frozen=True)
 class AxisLog:
     """One axis of a log.
 
@@ -286,6 +303,7 @@ class AxisLog:
             nowhere if friction is to act on this axis by itself.
         lever: How far above the plate's axis the ball is known to be as good as, m; None if it is
             not.
+        stops: Its end stops; None without any.
     """
 
     time: Array
@@ -295,6 +313,16 @@ class AxisLog:
     ball: Array
     across: Array = field(default_factory=lambda: np.zeros((2, 1)))
     lever: float | None = field(default=None, kw_only=True)
+    stops: EndStops | None = field(default=None, kw_only=True)
+
+    @property
+    def touching(self) -> Mask:
+        """Samples of a ball that touches an end stop, shape (M,)."""
+        if self.stops is None:
+            return np.zeros(len(self.sampled), bool)
+        begin, end = self.stops.touches
+        latest = np.searchsorted(begin, self.sampled, "right") - 1
+        return np.asarray((latest >= 0) & (self.sampled <= np.maximum.accumulate(end)[latest]))
 
     def between(self, begin: float, end: float) -> AxisLog:
         """This log with only the samples between two times in s."""

@@ -29,6 +29,7 @@ from twin.identify.command_model import (
     TiltHistory,
     residual_by_dead_band,
 )
+from twin.identify.first_look import FirstLook
 from twin.identify.least_squares import (
     BOOTSTRAP,
     Estimate,
@@ -41,7 +42,7 @@ from twin.identify.least_squares import (
     fit_starts_from_scratch,
     minimise,
 )
-from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
+from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog, EndStops
 from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.verdicts import (
     HOLD_OUT,
@@ -199,12 +200,14 @@ class AxisProblem(FitProblem[SampleWindows]):
         delays: Smallest and largest dead time in s.
         drift: Standard deviation in m/s^2 of a level of each window's own, which is then the
             third number of its start; 0 for none.
+        stops: The end stops at which a ball bounces; None where no window touches one.
     """
 
     tilt: TiltHistory
     longest: float
     delays: tuple[float, float]
     drift: float = 0.0
+    stops: EndStops | None = None
     about = PLAIN_PARAMETERS
     start_steps = START_STEPS
     prior = START_PRECISION
@@ -272,7 +275,14 @@ class AxisProblem(FitProblem[SampleWindows]):
             push = gain[rows] * tilted[:, which[part]]
             push += h * (level[rows] + off_level[part])
             out[:, part] = _integrate(
-                h, starts[:2, part], push, camber[rows], viscous[rows], friction[rows], across
+                h,
+                starts[:2, part],
+                push,
+                camber[rows],
+                viscous[rows],
+                friction[rows],
+                across,
+                self.stops,
             )
         return out
 
@@ -308,6 +318,7 @@ def _integrate(
     viscous: Array,
     friction: Array,
     across: Array | None,
+    stops: EndStops | None = None,
 ) -> Array:
     """Positions in m at every step by Heun's method, friction apart, shape (N, C, W).
 
@@ -321,6 +332,7 @@ def _integrate(
         friction: m/s^2, same shape.
         across: Speed along the other axis in m/s, shape (N, W); None if friction acts on this axis
             alone.
+        stops: End stops at which the ball bounces; None without any.
     """
     p, v = starts
     # a step is linear in push, p and v, but for friction
@@ -355,7 +367,17 @@ def _integrate(
         v *= h / 2
         p = np.add(p, v, out=places[n + 1])
         v = after
+        if stops is not None:
+            _bounce(p, v, stops)
     return places
+
+
+def _bounce(p: Array, v: Array, stops: EndStops) -> None:
+    """Put balls that went through an end stop back to it, and turn their velocities, in place."""
+    through = ((p > stops.high) & (v > 0)) | ((p < stops.low) & (v < 0))
+    if through.any():
+        v[through] *= -stops.restitution
+        p[through] = np.clip(p[through], stops.low, stops.high)
 
 
 def _turn(at: NDArray[np.intp], v: Array, free: Array, most: Array, after: Array) -> None:
@@ -675,8 +697,9 @@ def fit_axis(
     longest: float,
     delays: tuple[float, float],
     how: AxisFitting = AXIS_FITTING,
+    look: FirstLook | None = None,
 ) -> AxisFit:
-    """Fit an axis from no first guess.
+    """Fit an axis from no first guess, or a first look.
 
     Short windows without friction find gain, dead time and level, and what disturbed the ball; from
     there, and from the gain of a mere tilt, the long ones begin with several frictions.
@@ -687,6 +710,7 @@ def fit_axis(
         longest: Length of the windows in s.
         delays: Smallest and largest dead time in s.
         how: All constants of the fit.
+        look: A first look at it, which is a guess as well.
 
     Raises:
         LogError: If there are too few windows.
@@ -696,6 +720,8 @@ def fit_axis(
     problem = AxisProblem(nothing, smooth, TiltHistory(log), longest, delays)
     search = how.search
     guess = problem.first_guesses(dead_time=search.delay_guesses_s)
+    if look:
+        guess = np.vstack((guess, _guess_from(look, problem)))
     brief = _fit_from_guesses(log, problem, search.first_window_s, guess, 2e-3, how)
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
     pushed = brief.problem.windows.begin[rms > search.disturbed_residual_ratio * np.median(rms)]
@@ -707,9 +733,18 @@ def fit_axis(
     if "friction" in names:
         guess[:, names.index("friction")] = np.tile(frictions, 2)
     problem = replace(problem, names=names)
+    if look:
+        guess = np.vstack((guess, _guess_from(look, problem)))
     sigma = brief.sigma * longest / search.first_window_s
     fit = _fit_from_guesses(log, problem, longest, guess, sigma, how)
     return replace(fit, noise=brief.sigma, pushed=search.first_window_s * len(pushed))
+
+
+def _guess_from(look: FirstLook, problem: AxisProblem) -> Array:
+    """The values of a first look, of parameters that it has not the usual guess, shape (1, P)."""
+    seen = {"gain": look.gain * problem.tilt.scale, "dead_time": look.delay, "lag": 0.0}
+    seen |= {name: getattr(look, name) for name in ("level", "friction", "camber")}
+    return problem.first_guesses(**{k: [v] for k, v in seen.items() if k in problem.names})
 
 
 def _fit_from_guesses(
@@ -805,6 +840,7 @@ def predict_axis(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) 
             tilt=tilt,
             longest=how.level_history_s + hold_out.horizon_tolerance_s,
             drift=how.level_std_m_s2,
+            stops=fit.log.stops,
         )
         own = fit_starts_from_scratch(past, theta, 8)[2]
         for who, name, values in (
@@ -828,7 +864,14 @@ def _prediction_problem(log: AxisLog, fit: AxisFit, at: Array) -> AxisProblem:
     windows = replace(windows, weight=windows.weight / fit.noise)
     tilt = TiltHistory(log, fit.problem.tilt.scale)
     longest = lead + how.horizons_s[-1] + 2 * tolerance
-    return replace(fit.problem, windows=windows, tilt=tilt, longest=longest, drift=0.0)
+    return replace(
+        fit.problem,
+        windows=windows,
+        tilt=tilt,
+        longest=longest,
+        drift=0.0,
+        stops=fit.log.stops,
+    )
 
 
 def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:

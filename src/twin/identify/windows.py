@@ -447,15 +447,32 @@ def axis_windows(log: AxisLog, begin: Array, end: Array) -> SampleWindows:
     return SampleWindows(begin, time, ball[..., None], np.sqrt(count)[..., None])
 
 
-def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
-    """Beginnings and ends of windows in sequence, s: no window spans a gap of the samples."""
-    time, found = log.sampled, list[tuple[float, float]]()
-    step = float(np.median(np.diff(time))) if len(time) > 1 else MAX_COMMAND_GAP_S
-    borders = np.concatenate(
-        ([0], np.flatnonzero(np.diff(time) > MAX_COMMAND_GAP_S) + 1, [len(time)])
-    )
+def _usual_step(log: AxisLog) -> float:
+    return float(np.median(np.diff(log.sampled))) if len(log.sampled) > 1 else MAX_COMMAND_GAP_S
+
+
+def _free_stretches(log: AxisLog) -> Iterator[Array]:
+    """Times of successive samples in s, without gaps, of a ball that touches no end stop."""
+    free, time = ~log.touching, log.sampled
+    apart = (np.diff(time) > MAX_COMMAND_GAP_S) | (np.diff(free.astype(int)) != 0)
+    borders = np.concatenate(([0], np.flatnonzero(apart) + 1, [len(time)]))
     for first, stop in pairwise(borders):
-        here = time[first:stop]
+        if stop > first and free[first]:
+            yield time[first:stop]
+
+
+def usual_free_time(log: AxisLog) -> float:
+    """Length in s of the stretches between end stops that hold half of the free time."""
+    lengths = np.sort([each[-1] - each[0] for each in _free_stretches(log)] or [0.0])
+    half = np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)
+    return float(lengths[min(half, len(lengths) - 1)])
+
+
+def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
+    """Beginnings and ends of windows in sequence, s: none spans a gap or touches an end stop."""
+    found = list[tuple[float, float]]()
+    step = _usual_step(log)
+    for here in _free_stretches(log):
         length = float(here[-1] - here[0]) if len(here) else 0.0
         if length < MIN_WINDOW_SHARE * longest:
             continue

@@ -1,0 +1,111 @@
+"""`twin.identify.end_stops`: walls that a ball touches, in logs of a simulation of their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from docs.identify_errors import TUBE, Rig, simulate_log
+from twin.identify.any_rig import identify_axes
+from twin.identify.command_model import TiltHistory
+from twin.identify.end_stops import describe_stops, find_end_stops
+from twin.identify.first_look import look_first
+from twin.identify.logs import AnyLog, AxisLog, EndStops
+from twin.identify.plain_model import AxisProblem
+from twin.identify.verdicts import IDENTIFIED_VERDICT
+from twin.identify.windows import axis_windows, spans, usual_free_time
+
+
+def axis_of(seed, rig):
+    time, sampled, ball, command, _ = simulate_log(seed, rig)
+    return AxisLog(time, command, True, sampled, ball)
+
+
+@pytest.fixture(scope="module")
+def tube():
+    return axis_of(1, TUBE)
+
+
+def between(log):
+    """The log with its end stops, as they are found."""
+    return replace(log, stops=find_end_stops(log, look_first(log)))
+
+
+def test_walls_restitution_and_touches_of_a_tube_are_found(tube):
+    log = between(tube)
+    assert log.stops.low == pytest.approx(-TUBE.stop, abs=1e-3)
+    assert log.stops.high == pytest.approx(TUBE.stop, abs=1e-3)
+    assert log.stops.restitution == pytest.approx(TUBE.restitution, abs=0.1)
+    at_wall = np.abs(np.abs(log.ball) - TUBE.stop) < 1e-3
+    assert log.touching[at_wall].mean() > 0.99
+    assert np.abs(log.ball[log.touching]).min() > 0.02
+    assert 0.25 < log.touching.mean() < 0.5
+    (note,) = describe_stops("x", log)
+    assert "an end stop at -40.0 and 40.0 mm" in note
+    assert f"{100 * (1 - log.touching.mean()):.0f} % was used" in note
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0])
+def test_walls_at_which_a_ball_only_bounces_are_found(rate):
+    log = between(axis_of(8, Rig(stop=0.058, rate=rate, restitution=0.6)))
+    assert log.stops.high == pytest.approx(0.058, abs=1.5e-3)
+    assert log.touching.mean() < 0.15
+
+
+@pytest.mark.parametrize("rig", [Rig(), Rig(rate=30.0), Rig(friction=0.1), Rig(presliding=1e-3)])
+def test_a_ball_that_turns_without_a_wall_touches_none(rig):
+    log = between(axis_of(7, rig))
+    assert log.stops is None
+    assert not log.touching.any()
+    assert describe_stops("x", log) == []
+
+
+def test_no_window_touches_a_wall(tube):
+    log = between(tube)
+
+    def touching(begin, end):
+        rows = ((log.sampled >= a) & (log.sampled < b) for a, b in zip(begin, end, strict=True))
+        return np.concatenate([log.touching[each] for each in rows])
+
+    assert len(spans(log, 0.4)[0]) > 30
+    assert not touching(*spans(log, 0.4)).any()
+    assert touching(*spans(tube, 0.4)).any()
+    assert usual_free_time(log) < usual_free_time(tube) / 10
+
+
+def test_a_simulated_ball_bounces_between_walls_and_rests_at_one():
+    time = np.arange(0.0, 4.0, 0.01)
+    log = AxisLog(time, np.where(time < 1.0, 0.05, 0.1), True, time, 0 * time)
+    stops = EndStops(-0.04, 0.04, 0.33, np.zeros((2, 0)))
+    windows = axis_windows(log, np.zeros(1), np.full(1, 4.0))
+    problem = AxisProblem(
+        windows, ("gain", "dead_time"), TiltHistory(log, 1.0), 4.0, (0.0, 0.5), stops=stops
+    )
+    places = problem.simulate(np.array([[6.0, 0.0]]), np.zeros((2, 1, 1)))[:, 0, 0]
+    assert places.max() <= stops.high
+    at = np.arange(len(places)) * problem.step
+    first = float(at[places >= stops.high - 1e-9][0])
+    assert first == pytest.approx(np.sqrt(2 * stops.high / 0.3), abs=2 * problem.step)
+    away = stops.high - places[at > first + problem.step].min()
+    speed = 0.3 * first * stops.restitution
+    assert away == pytest.approx(speed**2 / (2 * 0.3), rel=0.15)
+    assert places[-1] == pytest.approx(stops.high, abs=1e-4)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_tube_gives_gain_and_dead_time_though_the_ball_is_at_its_ends(seed):
+    log = axis_of(seed, replace(TUBE, lag=0.02, dead_time=0.02) if seed == 3 else TUBE)
+    found = identify_axes([AnyLog("tube.csv", {"x": log}, {"x": "rad"}, ())], 0.33)
+    told = {each.name: each for each in found.verdicts}
+    gain, delay = told["gain_x"], told["delay_x"]
+    assert gain.word == IDENTIFIED_VERDICT
+    assert gain.value == pytest.approx(TUBE.gain, rel=0.06)
+    assert gain.value == pytest.approx(TUBE.gain, abs=gain.high - gain.low)
+    assert delay.word == IDENTIFIED_VERDICT
+    assert delay.value == pytest.approx(0.04, abs=0.01)
+    (score,) = found.scores
+    assert score.median["model"][1] < 0.1 * score.median["stays"][1]
+    assert any("% was used" in note for note in found.notes)
