@@ -79,10 +79,12 @@ def number(value: float, real: str) -> str:
     """A number in C, with its type's ending; every digit that the type needs.
 
     Raises:
-        ValueError: If it is not finite.
+        ValueError: If it is not a number.
     """
-    if not math.isfinite(value):
+    if math.isnan(value):
         raise ValueError(f"{value} is no constant")
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
     text = repr(float(value)) if real == "double" else f"{value:.9g}"
     if not re.search(r"[.e]", text):
         text += ".0"
