@@ -20,7 +20,7 @@ REALS = {"double": "", "float": "f"}
 MAX_INLINE = 48
 """Longest term in characters that stands within another one, if it is used once."""
 
-_COMPARISONS = {"OP_LT": "({} < {})", "OP_LE": "({} <= {})"}
+_COMPARISONS = {"OP_LT": "({} < {})", "OP_LE": "({} <= {})", "OP_NE": "({} != {})"}
 _LOGIC = {"OP_AND": "({} && {})", "OP_OR": "({} || {})", "OP_NOT": "(!{})"}
 _FORMS = _COMPARISONS | {
     "OP_ADD": "({} + {})",

@@ -18,7 +18,7 @@ from twin.board.symbols import Symbol, as_symbols, expressions, new_symbols
 
 def is_part(value: Any) -> bool:
     """Whether a value is an object of a law or observer that has numbers of its own."""
-    own = type(value).__module__.partition(".")[0] == "controllers"
+    own = type(value).__module__.partition(".")[0] == "controllers" or isinstance(value, Observer)
     return own and not isinstance(value, tuple | BallPlate)
 
 
@@ -133,4 +133,5 @@ def _numbers(observer: Any) -> list[tuple[Any, int | None]]:
 
 
 def _is_same(old: tuple[Any, Any], new: tuple[Any, Any]) -> bool:
-    return bool(ca.is_equal(*expressions([old[0], new[0]]), 1))
+    before, after = expressions([old[0], new[0]])
+    return bool(ca.is_equal(before, after, 1))

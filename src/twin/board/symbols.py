@@ -70,6 +70,7 @@ UFUNCS: dict[Any, Callable[..., Any]] = {
     np.radians: lambda a: a * (math.pi / 180),
     np.minimum: ca.fmin,
     np.maximum: ca.fmax,
+    np.not_equal: lambda a, b: a != b,
     np.less: lambda a, b: a < b,
     np.less_equal: lambda a, b: a <= b,
     np.greater: lambda a, b: a > b,

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.classical import (
     AFL,
@@ -111,7 +112,8 @@ class Tables:
             source: The object; it is not changed.
             prefix: How the names of its tables begin, in capitals.
         """
-        texts = meanings(type(source))
+        cls: Any = type(source)
+        texts = meanings(cls)
         return changed_fields(
             source, lambda name, value: self.symbols_of(name, value, prefix, texts.get(name, ""))
         )
@@ -127,29 +129,32 @@ class Tables:
             return self.copy_of(value, title)
         if isinstance(value, list) and any(map(is_part, value)):
             return [self.copy_of(each, f"{title}_{i}") for i, each in enumerate(value)]
-        if isinstance(value, bool | int | str) or value is None or _are_whole(value):
-            return value
-        try:
-            numbers = np.asarray(value, float)
-        except (TypeError, ValueError):
-            return value
-        if not numbers.size or not np.isfinite(numbers).all():
+        table = _finite_numbers(value)
+        if table is None:
             return value
         if any(each.name == title for each in self.each):
             title += "_2"
-        table = numbers.ravel().tolist()
-        same = prefix.partition("_")[0], name, numbers.shape, tuple(table)
+        values = table.ravel().tolist()
+        same = prefix.partition("_")[0], name.strip("_"), table.shape, tuple(values)
         if same not in self._symbols:
-            column, symbols = new_symbols(title, *numbers.shape, kind=Setting)
-            self.each.append(Constant(title, table, meaning, column, not numbers.ndim))
-            symbols[numbers == 0] = 0.0
+            column, symbols = new_symbols(title, *table.shape, kind=Setting)
+            self.each.append(Constant(title, values, meaning, column, not table.ndim))
+            symbols[table == 0] = 0.0
             self._symbols[same] = symbols
         found = self._symbols[same]
-        return found.copy() if numbers.ndim else found.item()
+        return found.copy() if table.ndim else found.item()
 
 
-def _are_whole(value: Any) -> bool:
-    return isinstance(value, list | tuple) and all(isinstance(each, int) for each in value)
+def _finite_numbers(value: Any) -> Array | None:
+    """A value that is finite numbers as an array, if it is not whole numbers or a truth value."""
+    each = value if isinstance(value, list | tuple) else [value]
+    if all(isinstance(one, bool | int | str) for one in each):
+        return None
+    try:
+        numbers = np.asarray(value, float)
+    except (TypeError, ValueError):
+        return None
+    return numbers if numbers.size and np.isfinite(numbers).all() else None
 
 
 def check_exportable(law: ControlLaw, observer: Observer) -> None:
