@@ -34,10 +34,12 @@ from controllers.controller import HeldLaw, Smith
 from controllers.interfaces import Law
 from controllers.observers.late_ball import LateBall
 from controllers.references import closed_form
+from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
 from twin.board.c_code import REALS, number
 from twin.board.control import Control
 from twin.board.footprint import measure_footprint
+from twin.board.plan import plan_of
 from twin.board.program import INSTRUCTION_SHIFT, build_command
 from twin.board.protocol import ANSWERED, MEASURED, VERSION
 from twin.board.trace import check_exportable, trace
@@ -119,6 +121,7 @@ def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
     imposed = real == "float" and isinstance(observer, LateBall)
     smith = observer if isinstance(observer, Smith) else None
     inner = observer if smith is None else smith.observer
+    plan = plan_of(law, control) if isinstance(law, StableInversion) else None
     traced = trace(law, inner, control.limits, period, real)
     return {
         **traced._asdict(),
@@ -137,19 +140,25 @@ def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
         "longest_wait": Smith.longest_wait,
         "limit": f"{MAX_DIFFERENCE_IMPOSED_RAD_S if imposed else MAX_DIFFERENCE_RAD_S[real]:g}",
         "reference_limit": f"{MAX_REFERENCE_DIFFERENCE[real]:g}",
+        "plan": plan,
         "version": VERSION,
         "measured": MEASURED,
         "answered": ANSWERED,
         "shift": INSTRUCTION_SHIFT,
-        **reference_parts(control),
+        **reference_parts(control, plan.length if plan else 0),
     }
 
 
-def reference_parts(control: Control) -> dict[str, Any]:
-    """What the templates need of the reference: its closed form, or else a table."""
+def reference_parts(control: Control, ahead: int) -> dict[str, Any]:
+    """What the templates need of the reference: its closed form, or else a table.
+
+    Args:
+        control: The controller.
+        ahead: Control periods by which the law asks for it in advance.
+    """
     reference = control.reference
     form = closed_form(reference)
-    times = control.period * np.arange(1 + round(control.duration / control.period))
+    times = control.period * np.arange(1 + ahead + round(control.duration / control.period))
     rows = reference(times)
     return {
         "reference": reference.name,
@@ -168,15 +177,20 @@ def _render(template: str, real: str, given: dict[str, Any]) -> str:
 @cache
 def _compile_template(template: str, real: str) -> Template:
     """A template for numbers of a C type, compiled once."""
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: loaded when needed
+    import jinja2  # noqa: PLC0415  heavy: loaded when needed
 
-    how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
+    how = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATE_FOLDER),
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
     how.filters["number"] = lambda value: number(value, real)
     how.filters["double"] = lambda value: number(value, "double")
     how.filters["rows"] = lambda values: _rows(values, real)
     how.filters["table"] = lambda values: _table(values, real)
     how.globals["number"] = lambda value: number(value, real)
-    return how.from_string((TEMPLATE_FOLDER / template).read_text(encoding="utf-8"))
+    return how.get_template(template)
 
 
 def _table(values: Array, real: str) -> str:

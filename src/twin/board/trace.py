@@ -35,6 +35,7 @@ from controllers.observers import (
     Luenberger,
     NonlinearLuenberger,
 )
+from controllers.stable_inversion import InverseMotion, StableInversion
 from twin.base.errors import ScenarioError
 from twin.board.c_code import Constant, c_function
 from twin.board.state import ObserverState, changed_fields, copy, is_part, measure
@@ -60,6 +61,7 @@ LAWS: tuple[type[Law], ...] = (
     AFLIntegral,
     Backstepping,
     SlidingMode,
+    StableInversion,
 )
 """Laws that can be exported."""
 OBSERVERS: tuple[type[Observer], ...] = (
@@ -185,7 +187,8 @@ def trace(law: Law, observer: Observer, limits: Limits, period: float, real: str
     """
     tables = Tables()
     try:
-        observing = _observer_functions(observer, needed_columns(law, observer), tables)
+        needed = needed_columns(law, observer)
+        observing = _observer_functions(observer, needed, tables)
         mine = tables.copy_of(law, "LAW")
         clamp = tables.copy_of(Clamp(limits, period), "CLAMP")
         share = tables.symbols_of(
@@ -194,7 +197,7 @@ def trace(law: Law, observer: Observer, limits: Limits, period: float, real: str
             "DRIFT",
             "Share of its drift by which the commanded plate angle is corrected in a period.",
         )
-        traced = [*observing, *_law_functions(mine), *_command_functions(clamp, share)]
+        traced = [*observing, *_law_functions(mine, len(needed)), *_command_functions(clamp, share)]
     except NoSymbolicFormError as error:
         raise ScenarioError(f"'{law.name}' with '{observer.name}': {error}") from error
     functions = [c_function(*each, tables.each, real) for each in traced]
@@ -246,7 +249,17 @@ def _observer_functions(
     ]
 
 
-def _law_functions(mine: Law) -> list[_Function]:
+class _Motion(NamedTuple):
+    """A plan that is the desired motion, shape (2, 12)."""
+
+    rows: SymbolArray
+
+    def at(self, *_: Any) -> list[InverseMotion]:
+        """The motion at any time."""
+        return [InverseMotion.of(row) for row in self.rows.tolist()]
+
+
+def _law_functions(mine: Law, needed: int) -> list[_Function]:
     """The C functions control and, of a law with memory, memory_rate."""
     x_column, x = new_symbols("x", 1, 8)
     r_column, r = new_symbols("r", 5, 1, 2)
@@ -259,6 +272,13 @@ def _law_functions(mine: Law) -> list[_Function]:
     now: Any = Feedback(0.0, x, x, x[..., :0], rate, rate, reference, q)  # type: ignore[arg-type]
     inputs = {"x": x_column, "r": r_column}
     inputs |= {"q": q_column} if mine.memory else {}
+    if isinstance(mine, StableInversion):
+        known_column, known = new_symbols("known", 1, needed)
+        rate_column, rate = new_symbols("rate", 1, 2)
+        motion_column, motion = new_symbols("motion", 2, 12)
+        now = now._replace(needed=known, rate=rate, plan=_Motion(motion))
+        inputs = {"x": x_column, "known": known_column, "rate": rate_column}
+        inputs |= {"motion": motion_column}
     u = expressions(mine.command(now))
     found = [_Function("control", inputs, {"u": u})]
     if mine.memory:
