@@ -32,6 +32,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.controller import HeldLaw, Smith
 from controllers.interfaces import Law
+from controllers.observers import FrictionMapKalman
 from controllers.observers.late_ball import LateBall
 from controllers.references import closed_form
 from controllers.stable_inversion import StableInversion
@@ -39,6 +40,7 @@ from twin.base.errors import ScenarioError
 from twin.board.c_code import REALS, number
 from twin.board.control import Control
 from twin.board.footprint import measure_footprint
+from twin.board.friction_map import map_of
 from twin.board.plan import plan_of
 from twin.board.program import INSTRUCTION_SHIFT, build_command
 from twin.board.protocol import ANSWERED, MEASURED, VERSION
@@ -141,6 +143,7 @@ def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
         "limit": f"{MAX_DIFFERENCE_IMPOSED_RAD_S if imposed else MAX_DIFFERENCE_RAD_S[real]:g}",
         "reference_limit": f"{MAX_REFERENCE_DIFFERENCE[real]:g}",
         "plan": plan,
+        "map": map_of(inner) if isinstance(inner, FrictionMapKalman) else None,
         "version": VERSION,
         "measured": MEASURED,
         "answered": ANSWERED,

@@ -109,7 +109,7 @@ class ObserverState:
     def _changed(self) -> set[int]:
         """The places of the numbers that a period changes; of a queue all of them."""
         after = copy(self.now)
-        measure(after, touched=True)
+        measure(after, True)
         after.predict(new_symbols("u", 1, 2)[1])
         old, new = _numbers(self.now), _numbers(after)
         changed = [not _is_same(*each) for each in zip(old, new, strict=True)]
@@ -117,7 +117,7 @@ class ObserverState:
         return {i for i, (_, queue) in enumerate(old) if changed[i] or queue in queues}
 
 
-def measure(observer: Any, *, touched: bool) -> dict[str, Any]:
+def measure(observer: Any, touched: Any) -> dict[str, Any]:
     """Have an observer take in a measurement of symbols, which are returned by name."""
     y_column, y = new_symbols("y", 1, 4)
     age_column, age = new_symbols("age", 1)

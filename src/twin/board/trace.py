@@ -31,6 +31,7 @@ from controllers.interfaces import ControlLaw, Feedback, Law, Observer
 from controllers.observers import (
     ExtendedKalman,
     FrictionKalman,
+    FrictionMapKalman,
     Kalman,
     Luenberger,
     NonlinearLuenberger,
@@ -38,6 +39,7 @@ from controllers.observers import (
 from controllers.stable_inversion import InverseMotion, StableInversion
 from twin.base.errors import ScenarioError
 from twin.board.c_code import Constant, c_function
+from twin.board.friction_map import LocalFriction
 from twin.board.state import ObserverState, changed_fields, copy, is_part, measure
 from twin.board.symbols import (
     SYMBOL_ARITHMETIC,
@@ -70,6 +72,7 @@ OBSERVERS: tuple[type[Observer], ...] = (
     NonlinearLuenberger,
     ExtendedKalman,
     FrictionKalman,
+    FrictionMapKalman,
 )
 """Observers that can be exported."""
 
@@ -220,33 +223,61 @@ def _observer_functions(
     observer: Observer, needed: Sequence[int], tables: Tables
 ) -> list[_Function]:
     """The C functions start, observe_touched, observe_untouched, predict and, if needed, see."""
+    if isinstance(observer, FrictionMapKalman):
+        observer = LocalFriction.of(observer)
     state = ObserverState(observer)
     own = tables.copy_of(state.now, "OBSERVER")
-    found = [("start", {"y": state.y}, "state", state.of(state.begun))]
-    for touched in (True, False):
-        one = copy(own)
-        inputs = measure(one, touched=touched)
-        name = "observe_touched" if touched else "observe_untouched"
-        found.append((name, inputs, "after", state.of(one)))
+    found = [_Function("start", {"y": state.y}, {"state": state.of(state.begun)})]
+    given: dict[str, Any] = {}
+    if isinstance(own, LocalFriction):
+        found += _map_functions(own, state)
+        given = {"camber": own.cuts.columns["camber"]} if own.camber_spread else {}
+    else:
+        for touched in (True, False):
+            one = copy(own)
+            inputs = measure(one, touched)
+            name = "observe_touched" if touched else "observe_untouched"
+            found.append(_Function(name, inputs, {"after": state.of(one)}))
     one = copy(own)
     u_column, u = new_symbols("u", 1, 2)
     one.predict(u)
-    found.append(("predict", {"u": u_column}, "after", state.of(one)))
+    found.append(_Function("predict", {"u": u_column}, {"after": state.of(one)}))
     if own.equivalent is not own.x:
-        seen = [own.equivalent[0], own.further[0, needed]]
-        found.append(("see", {}, "seen", expressions(np.concatenate(seen))))
+        seen = expressions(np.concatenate((own.equivalent[0], own.further[0, needed])))
+        found.append(_Function("see", given, {"seen": seen}))
     # what no function reads is no state, but for the estimate
-    read = {str(each) for _, _, _, values in found for each in ca.symvar(ca.vertcat(*values))}
+    results = [one for each in found for values in each.outputs.values() for one in values]
+    read = set(map(str, ca.symvar(ca.vertcat(*results))))
     kept = [i for i, each in enumerate(state.symbols) if i < 8 or str(each) in read]
     column = {"state": ca.vertcat(*(state.symbols[i] for i in kept))}
     return [
         _Function(
-            name,
-            inputs if name == "start" else column | inputs,
-            {filled: values if filled == "seen" else [values[i] for i in kept]},
+            each.name,
+            each.inputs if each.name == "start" else column | each.inputs,
+            {
+                name: [values[i] for i in kept] if name in {"state", "after"} else values
+                for name, values in each.outputs.items()
+            },
         )
-        for name, inputs, filled, values in found
+        for each in found
     ]
+
+
+def _map_functions(own: LocalFriction, state: ObserverState) -> list[_Function]:
+    """The C functions that an observer with a map is cut into, in their order."""
+    one, (touched_column, touched) = copy(own), new_symbols("touched", 1)
+    inputs = measure(one, touched.item()) | {"touched": touched_column}
+    columns, results = own.cuts.columns, own.cuts.found
+    found = [_Function("advance", {"y": inputs["y"]}, {"A": results["advance"]})]
+    inputs |= {"covariance": columns["covariance"]}
+    found.append(_Function("weigh", dict(inputs), {"weights": results["weigh"]}))
+    inputs |= {"change": columns["change"]}
+    found.append(_Function("place_there", dict(inputs), {"place": results["place_there"]}))
+    inputs |= {"there": columns["there"]}
+    found.append(_Function("place_now", dict(inputs), {"place": results["place_now"]}))
+    inputs |= {"now": columns["now"]}
+    outputs = {"after": state.of(one), "struck": results["struck"]}
+    return [*found, _Function("observe_there", inputs, outputs)]
 
 
 class _Motion(NamedTuple):
