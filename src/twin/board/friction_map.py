@@ -25,9 +25,6 @@ from controllers.observers.friction import (
 from controllers.observers.late_ball import LocalState
 from twin.board.symbols import SymbolArray, as_symbols, expressions, new_symbols
 
-FOLDED_ROWS = 3
-"""Rows of the map's covariance that are updated by a block of samples in a period."""
-
 
 class Cuts:
     """What the equations get from the C code around them, and what they give it.
@@ -132,7 +129,6 @@ class FrictionMap(NamedTuple):
         camber: Prior standard deviation of the camber, 1/s^2; 0 if it is not estimated.
         most_camber: Largest camber, 1/s^2.
         pending: Samples by which the covariance of the map is updated at once.
-        rows: Rows of it that are updated in a period.
         variances: Of the nine states at the start.
     """
 
@@ -144,7 +140,6 @@ class FrictionMap(NamedTuple):
     camber: float
     most_camber: float
     pending: int
-    rows: int
     variances: Array
 
 
@@ -161,6 +156,5 @@ def map_of(observer: FrictionMapKalman) -> FrictionMap:
         observer.camber_spread,
         observer.bounds.camber_per_s2,
         PENDING_SAMPLES,
-        FOLDED_ROWS,
         np.diag(observer._begin),
     )
