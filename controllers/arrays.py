@@ -89,11 +89,16 @@ class Arithmetic(NamedTuple):
     where: Callable[[Any, Any, Any], Any]
     """The second argument where the first is true, else the third."""
     any: Callable[[Any], bool]
+    """Whether any is true, to leave out a calculation that changes nothing where none is."""
     all: Callable[[Any], bool]
+    """Whether all are true, for the same."""
     least: Callable[[Any, Any], Any]
     """The smaller of two; the first if it is not a number."""
     most: Callable[[Any, Any], Any]
     """The larger of two; the first if it is not a number."""
+    sin: Callable[[Any], Any]
+    """Sine; NaN for an angle that is not finite."""
+    cos: Callable[[Any], Any]
 
 
 NUMBER_ARITHMETIC = Arithmetic(
@@ -103,9 +108,19 @@ NUMBER_ARITHMETIC = Arithmetic(
     bool,
     lambda this, other: other if other < this else this,
     lambda this, other: other if other > this else this,
+    lambda angle: math.sin(angle) if math.isfinite(angle) else math.nan,
+    lambda angle: math.cos(angle) if math.isfinite(angle) else math.nan,
 )
 """Arithmetic of plain numbers, several times faster than numpy's for one rig."""
-ARRAY_ARITHMETIC = Arithmetic(np.sqrt, np.where, some, every, np.minimum, np.maximum)
+ARRAY_ARITHMETIC = Arithmetic(
+    np.sqrt, np.where, some, every, np.minimum, np.maximum, np.sin, np.cos
+)
+
+
+def arithmetic_of(rows: Array) -> Arithmetic:
+    """The arithmetic for the ``components`` of an array, shape (N, k); it may bring its own."""
+    own: Arithmetic | None = getattr(rows, "arithmetic", None)
+    return own or (NUMBER_ARITHMETIC if len(rows) == 1 else ARRAY_ARITHMETIC)
 
 
 def elementwise(

@@ -12,21 +12,21 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import scipy
 
 from controllers.arrays import (
     ARRAY_ARITHMETIC,
-    NUMBER_ARITHMETIC,
+    Arithmetic,
     Array,
     Mask,
     NotNegative,
     Positive,
+    arithmetic_of,
     components,
     numbers,
-    some,
     square_of,
     together,
 )
@@ -238,12 +238,14 @@ class TwoSided:
     """
 
     def __init__(self, Z: float, period: float, count: int, length: int) -> None:
-        self._Z, self._count, self._period = Z, count, period
+        self.Z, self._count, self._period = Z, count, period
         step = Z * period
         decay = math.exp(-step)
         # weights of the two ends of a straight line, the nearer one first
         far = (1 - decay) / step - decay
         near = 1 - decay - far
+        self.weights = decay, near, far
+        """Weights of p or q one sample before, and of the nearer and farther end of the line."""
         forward, backward = np.zeros((count + 1, count + 1)), np.zeros((count, length))
         reach = length - count
         behind = decay ** np.arange(reach + 1)
@@ -280,8 +282,8 @@ class TwoSided:
         change = (here[..., 1:, :] - here[..., :count, :]) / self._period
         p, here = p[..., :count, :], here[..., :count, :]
         a = (p + q) / 2
-        slopes = a, self._Z * (q - p) / 2, self._Z**2 * (a - here)
-        self.jerk = (self._Z**2 * (slopes[1] - change)).swapaxes(-2, 0)
+        slopes = a, self.Z * (q - p) / 2, self.Z**2 * (a - here)
+        self.jerk = (self.Z**2 * (slopes[1] - change)).swapaxes(-2, 0)
         return Tilts(*(each.swapaxes(-2, 0) for each in slopes))
 
 
@@ -755,7 +757,12 @@ class AboutMotion(Law):
         return TILT_SIGN * self._about(K, axis, (position, velocity), desired)
 
     def _about(
-        self, K: Sequence[float] | Array, axis: Sequence[Any], path: Sequence[Any], desired: Tilts
+        self,
+        K: Sequence[float] | Array,
+        axis: Sequence[Any],
+        path: Sequence[Any],
+        desired: Tilts,
+        by: Arithmetic = ARRAY_ARITHMETIC,
     ) -> Any:
         """Acceleration of the slope, rad/s^2, about a motion.
 
@@ -764,14 +771,15 @@ class AboutMotion(Law):
             axis: Position and velocity of the ball, slope and its rate.
             path: Desired position and velocity.
             desired: Desired slope.
+            by: Arithmetic of them.
         """
         (x, v, angle, angle_rate), (position, velocity), c2 = axis, path, self.model.c2
         slope, rate = angle - desired.angle, angle_rate - desired.rate
         eta, eta_rate = x - position + c2 * slope, v - velocity + c2 * rate
-        bounded = self._bound_error(eta, eta_rate)
+        bounded = self._bound_error(eta, eta_rate, by)
         return desired.acceleration - K[0] * bounded - K[1] * eta_rate - K[2] * slope - K[3] * rate
 
-    def _bound_error(self, eta: Any, rate: Any) -> Any:
+    def _bound_error(self, eta: Any, rate: Any, by: Arithmetic) -> Any:
         """The error of eta in m that is fed back, from it and its rate in m/s; all by default."""
         return eta
 
@@ -904,20 +912,16 @@ class StableInversion(AboutMotion):
         motion, planned, fast = now.plan.at(now.time, now.reference), 1.0, 1.0
         if self.resting_speed:
             planned = beyond(motion[0].pace, self.resting_speed)
-        K = self._gains_for(lag, planned)
+        by = arithmetic_of(rows)
+        K = self._gains_for(lag, planned, by)
         if self._slow is not None:
             fast = beyond(motion[0].going, self.slow_speed)
-            slow = self._slow._gains_for(lag, planned)
+            slow = self._slow._gains_for(lag, planned, by)
             K = [k + fast * (full - k) for k, full in zip(slow, K, strict=True)]
         # a ball at rest comes free sooner on a plate that swings in the play of its drives
         lag = self.model.lag or planned * lag
-        sqrt, vx, vy, u = (
-            (NUMBER_ARITHMETIC if len(rows) == 1 else ARRAY_ARITHMETIC).sqrt,
-            x[1],
-            x[5],
-            [],
-        )
-        length = sqrt(vx * vx + vy * vy + self.smooth**2)
+        vx, vy, u = x[1], x[5], []
+        length = by.sqrt(vx * vx + vy * vy + self.smooth**2)
         for axis, desired in enumerate(motion):
             d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
             ball, v, angle, rate = x[4 * axis : 4 * axis + 4]
@@ -932,7 +936,7 @@ class StableInversion(AboutMotion):
                 (free.acceleration + F * drag.acceleration - c * free.angle) / gain,
             )
             seen = ball, v, sign * angle, sign * rate
-            requested = self._about(K, seen, (desired.position, desired.velocity), slope)
+            requested = self._about(K, seen, (desired.position, desired.velocity), slope, by)
             if len(K) > 4:
                 counted = self.rate_bias * fast * known[4 + axis]
                 commanded = sign * (numbers(now.rate[..., axis]) + counted)
@@ -943,15 +947,16 @@ class StableInversion(AboutMotion):
             u.append(sign * requested)
         return together(u, len(rows)).reshape(now.rate.shape)
 
-    def _gains_for(self, lag: Any, planned: Any) -> Sequence[Any]:
+    def _gains_for(self, lag: Any, planned: Any, by: Arithmetic) -> Sequence[Any]:
         """K for drives with a lag in s.
 
         Args:
             lag: The lag; 0 for none.
             planned: From 0, where the ball is to rest, to 1, where it is to move.
+            by: Arithmetic of both.
         """
         K: Sequence[Any] = self.K.tolist()
-        if self.model.lag or not (lag if isinstance(lag, float) else some(lag)):
+        if self.model.lag or not by.any(lag):
             return K
         planned, cubic = planned * (lag > 0), zip(*self._cubic, strict=True)
         return [
@@ -959,14 +964,14 @@ class StableInversion(AboutMotion):
             for k, (a, b, c, d) in zip((*K, 0.0), cubic, strict=True)
         ]
 
-    def _bound_error(self, eta: Any, rate: Any) -> Any:
+    def _bound_error(self, eta: Any, rate: Any, by: Arithmetic) -> Any:
         """The error of eta within bounds; the same bits where it does not reach them."""
         bounds = self.push_response
         far = abs(eta) > bounds.pushed_error_m
-        if far is False or not (far is True or some(far)):
+        if not by.any(far):
             return eta
-        most = np.where(far & (eta * rate > 0), bounds.max_growing_error_m, bounds.max_error_m)
-        return np.minimum(np.maximum(eta, -most), most)
+        most = by.where(far & (eta * rate > 0), bounds.max_growing_error_m, bounds.max_error_m)
+        return by.least(by.most(eta, -most), most)
 
 
 class InverseMotion(NamedTuple):
@@ -990,6 +995,12 @@ class InverseMotion(NamedTuple):
     """Further slopes for a friction of 1 m/s^2, rad per m/s^2."""
     jerk: tuple[Any, Any]
     """Third derivatives of both."""
+
+    @classmethod
+    def of(cls, row: Sequence[Any]) -> Self:
+        """The motion from its twelve components in their order."""
+        x, v, pace, going, *slopes, free, drag = row
+        return cls(x, v, pace, going, Tilts(*slopes[:3]), Tilts(*slopes[3:]), (free, drag))
 
 
 class InversePlan(Slices):
@@ -1026,10 +1037,7 @@ class InversePlan(Slices):
         tick = self._tick(t, reference)
         rows = self._planned[tick].reshape(12, -1, 2).transpose(2, 0, 1)
         axes = rows[..., 0].tolist() if rows.shape[2] == 1 else rows.copy()
-        return [
-            InverseMotion(x, v, pace, going, Tilts(*slopes[:3]), Tilts(*slopes[3:6]), (free, drag))
-            for x, v, pace, going, *slopes, free, drag in axes
-        ]
+        return [InverseMotion.of(row) for row in axes]
 
     def _parts(self) -> Sequence[Callable[[], None]]:
         return self._preview.sample, self._preview.advance, self._plan_free, self._plan

@@ -18,13 +18,11 @@ import scipy
 
 from controllers.arrays import (
     Array,
-    Mask,
     NotNegative,
     Positive,
     State,
     column,
     components,
-    every,
     numbers,
     together,
 )
@@ -391,10 +389,10 @@ class FrictionKalman(LateBall):
         self._far = tuple(by.where(new, *each) for each in zip(far, self._far, strict=True))
         # (K7), without F and kappa at rest
         change = (together(white, self._rigs)[:, None] @ W)[:, 0]
-        moving = v[0] * v[0] + v[1] * v[1] > self.learning_speed**2
-        moving = np.array(moving & new, ndmin=1)
-        if not every(moving):
-            change[~moving, LEARNT_IN_MOTION] = 0.0
+        moving = new & (v[0] * v[0] + v[1] * v[1] > self.learning_speed**2)
+        if not by.all(moving):
+            learnt = np.where(column(moving), change[:, LEARNT_IN_MOTION], 0.0)
+            change[:, LEARNT_IN_MOTION] = learnt
         self._reduce(W, moving)
         self._correct_by(change)
         if self.forget_rest:
@@ -403,18 +401,20 @@ class FrictionKalman(LateBall):
         if by.any(struck):
             # (K8): M, the change of eta and eta' by a unit change of the velocity an age ago
             M = np.vstack((test.age_s * np.eye(2), np.eye(2)))
-            self._P[np.reshape(struck, -1), :4, :4] += test.velocity_std_m_s**2 * M @ M.T
+            spread = test.velocity_std_m_s**2 * M @ M.T
+            self._P[:, :4, :4] += np.where(column(column(struck)), spread, 0.0)
         least, most, (*_, kx, ky, friction) = by.least, by.most, self._s
         bound = self.bounds.tilt_gain_error
         self._s[6] = least(most(kx, -bound), bound)
         self._s[7] = least(most(ky, -bound), bound)
         self._s[FRICTION_INDEX] = least(most(friction, 0.0), self.most_friction * self._F)
 
-    def _reduce(self, W: Array, moving: Mask) -> None:
+    def _reduce(self, W: Array, moving: Any) -> None:
         """Subtract W' W of (K7) from the covariance; nothing of F and kappa at rest."""
         fall = W[:, :, :9].mT @ W
-        if not every(moving):
-            fall[~moving, LEARNT_IN_MOTION, LEARNT_IN_MOTION] = 0.0
+        if not self._by.all(moving):
+            learnt = fall[:, LEARNT_IN_MOTION, LEARNT_IN_MOTION]
+            learnt[...] = np.where(column(column(moving)), learnt, 0.0)
         self._P -= fall
 
     def _correct_by(self, change: Array) -> None:
@@ -637,12 +637,12 @@ class FrictionMapKalman(FrictionKalman):
             moved[:, :, 4:6] += P[:, :4, -2:] * place.mT
         P[:, :4, :4] = moved @ A.mT
 
-    def _reduce(self, W: Array, moving: Mask) -> None:
+    def _reduce(self, W: Array, moving: Any) -> None:
         """Subtract W' W of (K7) from the covariance; nothing of the map at rest."""
         super()._reduce(W, moving)
         W_map, W_near = W[:, :, 9:], W.reshape(-1).take(self._W_near)
-        if not every(moving):
-            informs = moving[:, None, None]
+        if not self._by.all(moving):
+            informs = column(column(moving))
             W_map, W_near = np.where(informs, W_map, 0.0), np.where(informs, W_near, 0.0)
         self._near -= W_near.mT @ W_map
         self._W[self._every_rig, self._pending] = W_map

@@ -18,14 +18,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from controllers.arrays import (
-    ARRAY_ARITHMETIC,
-    NUMBER_ARITHMETIC,
     Arithmetic,
     Array,
     Input,
     NotNegative,
     Positive,
     State,
+    arithmetic_of,
     components,
     numbers,
     together,
@@ -35,15 +34,6 @@ from controllers.interfaces import DelayedObserver, Measurement, algorithm_const
 
 MAX_SUBSTEP_S = 0.011
 """Longest time in s over which the friction's heading is constant while a state is carried."""
-
-
-def _sin(angle: float) -> float:
-    """Sine; NaN for an angle that is not finite, as numpy's."""
-    return math.sin(angle) if math.isfinite(angle) else math.nan
-
-
-def _cos(angle: float) -> float:
-    return math.cos(angle) if math.isfinite(angle) else math.nan
 
 
 class Tilt(NamedTuple):
@@ -111,11 +101,8 @@ class RollingBall:
         self, model: BallPlate, smooth: float, period: float, delay: float, x: State
     ) -> None:
         self._model, self._smooth, self._period = model, smooth * smooth, period
-        one = len(x) == 1
-        self._sqrt = (NUMBER_ARITHMETIC if one else ARRAY_ARITHMETIC).sqrt
-        self._sin: Any
-        self._cos: Any
-        self._sin, self._cos = (_sin, _cos) if one else (np.sin, np.cos)
+        by = arithmetic_of(x)
+        self._sqrt, self._sin, self._cos = by.sqrt, by.sin, by.cos
         self._back = math.floor(delay / period + 1e-9)
         self._share = delay / period - self._back
         if self._share < 1e-9:
@@ -512,7 +499,7 @@ class LateBall(DelayedObserver):
         self._shape = self.x.shape[:-1]
         rows = self.x.reshape(-1, 8)
         self._rigs = len(rows)
-        self._by = NUMBER_ARITHMETIC if self._rigs == 1 else ARRAY_ARITHMETIC
+        self._by = arithmetic_of(rows)
         self._ball = RollingBall(self.model, smooth, self.period, self.delay, rows)
         self._state = state = components(rows)
         about = self.plate_pole, self.period, self.model.lag
@@ -523,7 +510,7 @@ class LateBall(DelayedObserver):
         self._drives = None if known else DriveLag(self.period, state, self._by, self.lag_search)
         self._swing = SwingingPlate(self.period, 0.0 * state[2], self._by, self.swing_test)
         c2 = self.model.c2
-        s = np.zeros((self._rigs, 9))
+        s = np.zeros_like(rows, shape=(self._rigs, 9))
         s[:, 0:2] = rows[:, 0::4] + c2 * TILT_SIGN * rows[:, 2::4]
         s[:, 2:4] = rows[:, 1::4] + c2 * TILT_SIGN * rows[:, 3::4]
         s[:, 8] = friction

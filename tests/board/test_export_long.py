@@ -4,6 +4,7 @@ import re
 
 import pytest
 from board_source import (
+    FRAMES,
     LIMITS,
     MAX_ROUNDINGS,
     SCREEN,
@@ -25,7 +26,8 @@ SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
 @pytest.mark.parametrize("observer", [each.name for each in OBSERVERS])
 @pytest.mark.parametrize("law", [each.name for each in LAWS])
 def test_a_controller_in_c_is_that_of_python_over_25_s(law, observer, real, tmp_path):
-    chosen = scenario(controller__kind=law, observer__kind=observer, duration=25.0, **SCREEN)
+    screen = FRAMES if observer == "friction_kalman" else SCREEN
+    chosen = scenario(controller__kind=law, observer__kind=observer, duration=25.0, **screen)
     folder = export(tmp_path / "plate.c", chosen, real=real)
     passed, difference = replayed(compiled(folder, *SANITIZERS))
     bound = 1e-9 if real == "double" else MAX_ROUNDINGS[observer] * single_roundings(folder)

@@ -4,9 +4,15 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from ballplate.changes import changes_of, scenario_of
+from controllers.controller import Controller
+from controllers.interfaces import Measurement
+from twin.hal.supervisor import Event, Supervisor
+from twin.run.assemble import control_of
 
 COMPILER = shutil.which("gcc")
 WARNINGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
@@ -97,12 +103,46 @@ LIMITS = {
     "plant__start__y": -0.08,
 }
 """Limits so narrow that a start off the centre meets each of them."""
-SCREEN = {
-    "predictor__kind": "smith",
+FRAMES = {
     "predictor__delay": 0.0413,
     "sensors__touch__lost": 0.02,
     "sensors__touch__frame_rate": 133.0,
     "sensors__touch__hidden": [0.0535, -0.2, 0.0545, 0.2],
 }
-"""A screen with frames, one of 50 lost, and a blind strip, behind a predictor with a dead time that
-is no multiple of the period."""
+"""A screen with frames, one of 50 lost, and a blind strip; its dead time is no multiple of the
+period."""
+SCREEN = {"predictor__kind": "smith"} | FRAMES
+"""The same behind a predictor."""
+
+
+def remeasured(folder, chosen, change):
+    """Change what was measured in the reference run of a folder, and command it in Python again.
+
+    Args:
+        folder: The exported folder.
+        chosen: Its scenario.
+        change: Changes the measurements, a frame with a row a period, in place. An angle that is
+            not measured, NaN, is in Python the one that was commanded, and at first level.
+    """
+    file = folder / "reference_run.csv"
+    run = pd.read_csv(file)
+    change(run)
+    parts = control_of(chosen)
+    controller = Controller(parts.law, parts.observer, parts.reference, parts.period)
+    supervisor = Supervisor(parts.limits, parts.period)
+    y = run[["x", "phi", "y", "theta"]].to_numpy()[:, None]
+    for event in (Event.INITIALISE, Event.POWERED, Event.START):
+        supervisor.handle(event)
+    supervisor.angle = np.nan_to_num(y[0][:, 1::2])
+    for k, (given, age, touched) in enumerate(zip(y, run.age, run.touched, strict=True)):
+        felt, seen = np.array([touched > 0]), given.copy()
+        seen[:, 1::2] = np.where(np.isnan(seen[:, 1::2]), supervisor.angle, seen[:, 1::2])
+        measured = Measurement(k * parts.period, seen, np.array([age]), felt)
+        if not k:
+            controller.start(measured)
+        supervisor.watch(seen, felt)
+        rate = supervisor.clamp(controller.command(measured).rate)
+        controller.applied(rate)
+        run.loc[k, ["rate_phi", "rate_theta"]] = rate[0]
+    assert supervisor.all_running, supervisor.reason
+    run.to_csv(file, index=False, na_rep="nan")

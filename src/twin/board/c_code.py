@@ -20,7 +20,7 @@ REALS = {"double": "", "float": "f"}
 MAX_INLINE = 48
 """Longest term in characters that stands within another one, if it is used once."""
 
-_COMPARISONS = {"OP_LT": "({} < {})", "OP_LE": "({} <= {})"}
+_COMPARISONS = {"OP_LT": "({} < {})", "OP_LE": "({} <= {})", "OP_NE": "({} != {})"}
 _LOGIC = {"OP_AND": "({} && {})", "OP_OR": "({} || {})", "OP_NOT": "(!{})"}
 _FORMS = _COMPARISONS | {
     "OP_ADD": "({} + {})",
@@ -79,10 +79,12 @@ def number(value: float, real: str) -> str:
     """A number in C, with its type's ending; every digit that the type needs.
 
     Raises:
-        ValueError: If it is not finite.
+        ValueError: If it is not a number.
     """
-    if not math.isfinite(value):
+    if math.isnan(value):
         raise ValueError(f"{value} is no constant")
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
     text = repr(float(value)) if real == "double" else f"{value:.9g}"
     if not re.search(r"[.e]", text):
         text += ".0"

@@ -17,6 +17,7 @@ class Control(NamedTuple):
         limits: Limits of the commands.
         period: Control period in s.
         duration: How long a reference without a closed form is tabled, s.
+        start: Where the ball begins, m.
     """
 
     title: str
@@ -26,3 +27,4 @@ class Control(NamedTuple):
     limits: Limits
     period: float
     duration: float
+    start: tuple[float, float]

@@ -32,11 +32,16 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.controller import HeldLaw, Smith
 from controllers.interfaces import Law
+from controllers.observers import FrictionMapKalman
+from controllers.observers.late_ball import LateBall
 from controllers.references import closed_form
+from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
 from twin.board.c_code import REALS, number
 from twin.board.control import Control
 from twin.board.footprint import measure_footprint
+from twin.board.friction_map import map_of
+from twin.board.plan import plan_of
 from twin.board.program import INSTRUCTION_SHIFT, build_command
 from twin.board.protocol import ANSWERED, MEASURED, VERSION
 from twin.board.trace import check_exportable, trace
@@ -50,6 +55,10 @@ BOARD = "cortex-m4"
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-2}
 """Largest difference of a commanded rate from that of the Python code, by the type of numbers."""
+MAX_DIFFERENCE_IMPOSED_RAD_S = 1e-3
+"""The same in ``float`` behind an observer that takes a constant rate beyond the commanded one for
+one of the plate: differences add up there, so the replay gives it the rates of the reference run.
+"""
 NUMBER_BYTES = {"double": 8, "float": 4}
 """Size of a number by its type."""
 MAX_REFERENCE_DIFFERENCE = {"double": 1e-9, "float": 1e-3}
@@ -111,8 +120,10 @@ def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
     check_exportable(law, observer)
     assert isinstance(law, Law)
     period = control.period
+    imposed = real == "float" and isinstance(observer, LateBall)
     smith = observer if isinstance(observer, Smith) else None
     inner = observer if smith is None else smith.observer
+    plan = plan_of(law, control) if isinstance(law, StableInversion) else None
     traced = trace(law, inner, control.limits, period, real)
     return {
         **traced._asdict(),
@@ -124,24 +135,33 @@ def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
         "period": period,
         "real": real,
         "ending": REALS[real],
+        "modelled": isinstance(inner, LateBall) and inner.plate == "modelled",
+        "imposed": imposed,
         "delay": 0.0 if smith is None else smith.delay,
         "ring": 0 if smith is None else smith.length,
         "longest_wait": Smith.longest_wait,
-        "limit": f"{MAX_DIFFERENCE_RAD_S[real]:g}",
+        "limit": f"{MAX_DIFFERENCE_IMPOSED_RAD_S if imposed else MAX_DIFFERENCE_RAD_S[real]:g}",
         "reference_limit": f"{MAX_REFERENCE_DIFFERENCE[real]:g}",
+        "plan": plan,
+        "map": map_of(inner) if isinstance(inner, FrictionMapKalman) else None,
         "version": VERSION,
         "measured": MEASURED,
         "answered": ANSWERED,
         "shift": INSTRUCTION_SHIFT,
-        **reference_parts(control),
+        **reference_parts(control, plan.length if plan else 0),
     }
 
 
-def reference_parts(control: Control) -> dict[str, Any]:
-    """What the templates need of the reference: its closed form, or else a table."""
+def reference_parts(control: Control, ahead: int) -> dict[str, Any]:
+    """What the templates need of the reference: its closed form, or else a table.
+
+    Args:
+        control: The controller.
+        ahead: Control periods by which the law asks for it in advance.
+    """
     reference = control.reference
     form = closed_form(reference)
-    times = control.period * np.arange(1 + round(control.duration / control.period))
+    times = control.period * np.arange(1 + ahead + round(control.duration / control.period))
     rows = reference(times)
     return {
         "reference": reference.name,
@@ -160,15 +180,20 @@ def _render(template: str, real: str, given: dict[str, Any]) -> str:
 @cache
 def _compile_template(template: str, real: str) -> Template:
     """A template for numbers of a C type, compiled once."""
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: loaded when needed
+    import jinja2  # noqa: PLC0415  heavy: loaded when needed
 
-    how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
+    how = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATE_FOLDER),
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
     how.filters["number"] = lambda value: number(value, real)
     how.filters["double"] = lambda value: number(value, "double")
     how.filters["rows"] = lambda values: _rows(values, real)
     how.filters["table"] = lambda values: _table(values, real)
     how.globals["number"] = lambda value: number(value, real)
-    return how.from_string((TEMPLATE_FOLDER / template).read_text(encoding="utf-8"))
+    return how.get_template(template)
 
 
 def _table(values: Array, real: str) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -70,6 +70,7 @@ UFUNCS: dict[Any, Callable[..., Any]] = {
     np.radians: lambda a: a * (math.pi / 180),
     np.minimum: ca.fmin,
     np.maximum: ca.fmax,
+    np.not_equal: lambda a, b: a != b,
     np.less: lambda a, b: a < b,
     np.less_equal: lambda a, b: a <= b,
     np.greater: lambda a, b: a > b,
@@ -116,6 +117,10 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
             )
         return _calculate(ufunc, *values)
 
+    def __array_function__(self, *how: Any) -> Any:
+        """A function of numpy, of this symbol and arrays of numbers."""
+        return as_symbols(self).__array_function__(*how)
+
     def __bool__(self) -> bool:
         """Raise: the value is not known."""
         raise NoSymbolicFormError("it decides by a value that is known at run time only")
@@ -127,8 +132,24 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
         )
 
 
+class Setting(Symbol):
+    """A constant of the C code that is not zero, and so decides a branch."""
+
+    __slots__ = ()
+
+    def __bool__(self) -> bool:
+        """True: it is not zero."""
+        return True
+
+
 class SymbolArray(np.ndarray[Any, np.dtype[Any]]):
-    """An array with symbols and numbers as its elements."""
+    """An array with symbols and numbers as its elements.
+
+    Attributes:
+        arithmetic: That of its elements, as ``controllers.arrays.arithmetic_of`` finds it.
+    """
+
+    arithmetic: ClassVar[Arithmetic]
 
     def __array_ufunc__(
         self, ufunc: Any, method: str, *values: Any, out: Any = None, **how: Any
@@ -170,12 +191,13 @@ def as_symbols(values: Any) -> SymbolArray:
     return np.asarray(values, object).view(SymbolArray)
 
 
-def new_symbols(name: str, *shape: int) -> tuple[Any, SymbolArray]:
+def new_symbols(name: str, *shape: int, kind: type[Symbol] = Symbol) -> tuple[Any, SymbolArray]:
     """New symbols.
 
     Args:
         name: Their common name.
         shape: Of the array.
+        kind: Of each.
 
     Returns:
         The column of all of them for CasADi, shape (product of ``shape``, 1), and the array.
@@ -183,7 +205,7 @@ def new_symbols(name: str, *shape: int) -> tuple[Any, SymbolArray]:
     column = ca.SX.sym(name, int(np.prod(shape)))
     found = np.empty(len(ca.vertsplit(column)), object)
     for i in range(len(found)):
-        found[i] = Symbol(column[i])
+        found[i] = kind(column[i])
     return column, found.reshape(shape).view(SymbolArray)
 
 
@@ -192,16 +214,16 @@ def expressions(values: Any) -> list[Any]:
     return [_expression(value) for value in np.asarray(values, object).ravel()]
 
 
-def _refuse_decision(condition: Any) -> bool:
-    raise NoSymbolicFormError("it decides by a value that is known at run time only")
-
-
 SYMBOL_ARITHMETIC = Arithmetic(
     np.sqrt,
     _choose,
-    _refuse_decision,
-    _refuse_decision,
+    lambda condition: not _expression(condition).is_zero(),
+    lambda condition: bool(_expression(condition).is_one()),
     np.minimum,
     np.maximum,
+    np.sin,
+    np.cos,
 )
-"""Of symbols; the third next to that of numbers and that of arrays."""
+"""Of symbols, next to those of numbers and of arrays. What is not known is taken as true by ``any``
+and as false by ``all``, so that nothing is left out."""
+SymbolArray.arithmetic = SYMBOL_ARITHMETIC

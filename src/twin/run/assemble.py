@@ -530,6 +530,7 @@ def control_of(scenario: Scenario) -> Control:
         build_limits(scenario),
         scenario.rig.period,
         scenario.duration,
+        (scenario.plant.start.x, scenario.plant.start.y),
     )
 
 

@@ -1,0 +1,91 @@
+"""The motion that ``stable_inversion`` follows, in C: a part of its own, as no plan is a symbol.
+
+A program on a board has no slices: in each period it samples the reference once, a preview ahead,
+and sums the backward integral over it. Jumps and paths that need more than the plate gives, which
+Python spreads and replaces, are refused; the distance of the ball from the path at the start is
+spread in C too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.stable_inversion import StableInversion, inverse
+from twin.base.errors import ScenarioError
+from twin.board.control import Control
+
+
+class Plan(NamedTuple):
+    """Numbers of the motion's C code.
+
+    Attributes:
+        length: Control periods that are sampled in advance.
+        count: Control periods of a slice, at the beginning of which the slowest speed is found.
+        zero: Z of ``TwoSided``, rad/s.
+        decay: Its share that is left after a period.
+        near: Weight of the nearer end of a line between two samples.
+        far: Weight of its farther end.
+        k1: Acceleration of the ball for a unit slope, m/s^2.
+        smooth: Desired speed over which friction changes its sign, m/s.
+        spread: Time in s over which a jump of ``jump_m`` is spread.
+        jump_m: Length of a jump that is spread over that time, m.
+        min_jump_m: Distance above which the ball at the start is off the path, m.
+    """
+
+    length: int
+    count: int
+    zero: float
+    decay: float
+    near: float
+    far: float
+    k1: float
+    smooth: float
+    spread: float
+    jump_m: float
+    min_jump_m: float
+
+
+def plan_of(law: StableInversion, control: Control) -> Plan:
+    """The numbers of a law's motion.
+
+    Args:
+        law: The law.
+        control: The controller that it is part of.
+
+    Raises:
+        ScenarioError: If its preview is too short, or the reference is not followed as it is.
+    """
+    reference, period, x = control.reference, control.period, np.zeros(8)
+    x[0::4] = reference(0.0)[0]
+    plain = law.ahead(x, reference, period, feasible=False)
+    if not plain.early:
+        least = (law.slicing.periods + law.slicing.early_periods) * period
+        raise ScenarioError(f"controller.preview: must be {least:g} s or more in C")
+    times = period * np.arange(round(control.duration / period) + 2 * plain.length)
+    apart = np.abs(plain.along(len(times)) - reference(times)[:3]).max(axis=(0, 2)) > 0
+    if apart.any():
+        raise ScenarioError(
+            f"reference.kind: '{reference.name}' jumps at {times[apart.argmax()]:g} s, which "
+            f"'{law.name}' has no form for in C"
+        )
+    x[0::4] = control.start
+    path = law.ahead(x, reference, period, feasible=False).along(len(times))
+    if not law.ahead(x, reference, period).able(path):
+        raise ScenarioError(
+            f"controller.slope, slope_rate: '{law.name}' has no form in C for a path from the "
+            "start of the ball that needs more than these; 0 for no limit"
+        )
+    two_sided, jumps = inverse(law.model, plain, period), law.jumps
+    return Plan(
+        plain.length,
+        plain.count,
+        two_sided.Z,
+        *two_sided.weights,
+        law.model.k1,
+        law.smooth,
+        law.spread,
+        jumps.reference_jump_m,
+        jumps.min_jump_m,
+    )
