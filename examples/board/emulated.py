@@ -9,7 +9,7 @@ import select
 from pathlib import Path
 
 import serial
-from board import Board
+from atmega import Board
 
 from ballplate.hardware import Reading
 from twin.emulator.avr import TICK_S, Chip, PulsedPlate, build_firmware
@@ -96,10 +96,14 @@ class Emulated(Board):
 
     def start(self) -> None:
         """Put a chip to work, then open its port."""
-        self.chip = Chip(build_firmware(FIRMWARE, self.controller), self.clock_error)
+        self.chip = self.make_chip()
         self.port = self.chip.port
         super().start()
         self.chip.tell(f"lose {self.lose}")
+
+    def make_chip(self) -> Chip:
+        """A chip that begins to execute the firmware."""
+        return Chip(build_firmware(FIRMWARE, self.controller), self.clock_error)
 
     def open_port(self) -> LockstepLine:
         """Open the port of the chip."""
@@ -115,11 +119,15 @@ class Emulated(Board):
         self.owed += seconds
         while self.owed > TICK_S - 1e-9:
             self.owed -= TICK_S
-            count, pulses = self.chip.run(TICK_S, self.line.written)
-            self.line.written = 0
-            self.line.due += count
-            if self.line.closed:
-                self.line.read(count)
-            for axis, width in pulses:
-                self.plate.pulse(axis, width)
-            self.plate.advance()
+            self.advance()
+
+    def advance(self) -> None:
+        """Let chip, plate and ball go on by a tick."""
+        count, pulses = self.chip.run(TICK_S, self.line.written)
+        self.line.written = 0
+        self.line.due += count
+        if self.line.closed:
+            self.line.read(count)
+        for axis, width in pulses:
+            self.plate.pulse(axis, width)
+        self.plate.advance()

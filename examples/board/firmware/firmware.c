@@ -14,7 +14,7 @@
  *     'L'  level the plate; only after it 'A' and 'B' are obeyed, again
  *   to the host
  *     'R'  after a reset, number 0, and as the answer to 'L': cause of the reset (uint8, as MCUSR),
- *          version of this protocol, whether the board can compute
+ *          version of this protocol, enum control
  *     'S'  once per servo frame: struct status
  *
  * What levels the plate (a reset, a host that is not heard, a ball that is not seen) holds until 'L'.
@@ -53,6 +53,9 @@
 enum { BY_HOST = 1, BY_BOARD = 2, HOST_LOST = 4, BALL_LOST = 8, NOT_FINITE = 16, RESTARTED = 32 };
 #define MOVED (BY_HOST | BY_BOARD)
 
+/* Whether the board has a controller, and whether its period is a servo frame. */
+enum control { NO_CONTROLLER, CONTROLLER_FITS, OTHER_PERIOD };
+
 /* Content of the frame 'S'. */
 struct status {
     uint8_t type;
@@ -78,7 +81,7 @@ static struct buffer received, to_send;
 static volatile uint16_t milliseconds, overruns, pulse_ticks[2];
 static volatile uint8_t servo_frame;
 static uint16_t heard_at;
-static struct status status = {.type = 'S', .state = RESTARTED};
+static struct status status = {.type = 'S'};
 static float angle_rad[2], plate_rad[2];
 
 /* ---- Reset ---- */
@@ -234,12 +237,6 @@ static int16_t read_int16(const uint8_t *bytes)
     return (int16_t)(bytes[0] | (uint16_t)bytes[1] << 8);
 }
 
-static void send_ready(uint8_t number)
-{
-    const uint8_t ready[] = {'R', number, reset_cause, VERSION, BOARD_COMPUTES};
-    send_frame(ready, sizeof ready);
-}
-
 static int16_t in_units(float value, float unit)
 {
     return (int16_t)lroundf(value / unit);
@@ -248,6 +245,7 @@ static int16_t in_units(float value, float unit)
 /* ---- The board computes ---- */
 
 #if BOARD_COMPUTES
+#define FITS_SERVO_FRAME (fabsf(CONTROLLER_PERIOD_S - 1e-6f * SERVO_FRAME_US) < 1e-6f)
 static struct controller controller;
 static struct controller_measurement measurement;
 static uint16_t arrived_at, seen_at;
@@ -304,6 +302,18 @@ static void control_plate(void)
 
 /* ---- Frames of the host ---- */
 
+#if BOARD_COMPUTES
+#define CONTROL (FITS_SERVO_FRAME ? CONTROLLER_FITS : OTHER_PERIOD)
+#else
+#define CONTROL NO_CONTROLLER
+#endif
+
+static void send_ready(uint8_t number)
+{
+    const uint8_t ready[] = {'R', number, reset_cause, VERSION, CONTROL};
+    send_frame(ready, sizeof ready);
+}
+
 static void obey(const uint8_t *content, uint8_t length)
 {
     const uint8_t *given = content + 2;
@@ -317,7 +327,7 @@ static void obey(const uint8_t *content, uint8_t length)
         }
 #if BOARD_COMPUTES
     } else if (content[0] == 'B' && length == 8) {
-        if (may_move)
+        if (may_move && FITS_SERVO_FRAME)
             take_ball(given);
 #endif
     } else if (content[0] == 'L' && length == 2) {

@@ -11,6 +11,7 @@
  *                            servo pulse that has ended, width in us
  *   reset CAUSE              reset the chip; the cause is a value of MCUSR
  *   hang                     the processor executes an endless loop with interrupts off
+ *   clock HZ                 let the clock have another frequency from now on
  *   lose SHARE               of the bytes on the line in both directions, from now on
  */
 #include <math.h>
@@ -78,11 +79,13 @@ static int is_lost(void)
     return (double)(chance >> 11) / 9007199254740992.0 < lose;
 }
 
-/* Whether both ends of the line sample the right bits, by the divider that the firmware has set. */
+/* Whether both ends of the line sample the right bits, by the divider that the firmware has set.
+ * simavr counts 11 bits for a byte of 8N1; it has 10. */
 static int is_in_step(void)
 {
-    const double divider = (avr->data[uart->r_ucsra] & 2 ? 8 : 16)
-                           * (1 + avr->data[uart->ubrrl.reg] + 256 * avr->data[uart->ubrrh.reg]);
+    const unsigned divider = (avr->data[uart->r_ucsra] & 2 ? 8U : 16U)
+                             * (1U + avr->data[uart->ubrrl.reg] + 256U * avr->data[uart->ubrrh.reg]);
+    uart->cycles_per_byte = BITS_PER_BYTE * divider;
     return fabs(clock_hz / divider / BAUD - 1) < MAX_BAUD_ERROR;
 }
 
@@ -237,6 +240,9 @@ int main(int count, char *given[])
             hang();
         else if (!strcmp(word, "lose")) {
             lose = number;
+            puts("0");
+        } else if (!strcmp(word, "clock")) {
+            clock_hz = number;
             puts("0");
         } else
             fail("no such command", word);

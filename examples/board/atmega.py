@@ -1,9 +1,9 @@
 """The board of `firmware/firmware.c` as hardware of one's own: servos, and a camera of its own.
 
-Either this computer computes and tells the board plate angles, or it tells the board where the ball
-is (`computes`), and the board moves the plate by the controller that was compiled into it. A board
-that computes reports where it takes the plate to be, which is what is then recorded as measured; the
-controller on this computer runs along, is recorded, and commands nothing.
+Either this computer computes and sends the board plate angles, or it sends the position of the ball
+(`computes`), and the board moves the plate by the controller that was compiled into it. A board that
+computes reports where it takes the plate to be, which is then recorded as measured; the controller
+on this computer runs along, is recorded, and commands nothing.
 """
 
 import binascii
@@ -30,6 +30,10 @@ LEVELLED = {
     8: "saw no ball in its area",
     16: "got no number from its controller",
     32: "was reset",
+}
+UNFIT = {
+    0: "was flashed without a controller",
+    2: "has a controller that was exported for another rig.period than 0.02 s",
 }
 RESETS = {1: "power-on", 2: "its reset pin", 4: "brown-out", 8: "its watchdog"}
 
@@ -125,11 +129,11 @@ class Board(Hardware):
             self.send(b"L")
             self.wait(0.05)
             self.receive()
-        _, _, _, version, can_compute = self.answer[:5]
+        _, _, _, version, control = self.answer
         if version != VERSION:
             raise OSError(f"{self.port}: the board speaks version {version}, this is {VERSION}")
-        if self.computes and not can_compute:
-            raise OSError(f"{self.port}: computes: the board was flashed without a controller")
+        if self.computes and control in UNFIT:
+            raise OSError(f"{self.port}: computes: the board {UNFIT[control]}")
         self.status = None
         while self.status is None or self.status.state:
             if self.time() > until:
@@ -162,8 +166,10 @@ class Board(Hardware):
     def stop(self) -> None:
         """Level the plate and let the port go; the servos keep their torque."""
         if hasattr(self, "line"):
-            self.send(b"L")
-            self.line.close()
+            try:
+                self.send(b"L")
+            finally:
+                self.line.close()
         if self.camera:
             self.camera.stop()
 
