@@ -367,8 +367,12 @@ ROWS = (
 """Every row."""
 
 
-def way_to_level(by: str) -> float:
+def way_to_level(by: str, patience: float) -> float:
     """Longest time in s from the detection to a plate that is level and stands.
+
+    Args:
+        by: Who levels it.
+        patience: Time in s after which the board does it by itself.
 
     The servos' slew and lag; before that the host's braking, its way back and the time in which it
     takes in a drift, or the board's patience.
@@ -378,7 +382,7 @@ def way_to_level(by: str) -> float:
     )
     servos = angle / BOARD.SLEW + BOARD.LAG * math.log(angle / min(LEVEL, BOARD.LAG * STILL))
     host = 2 * rate / acceleration + angle / rate + Supervisor.DRIFT_TIME_S
-    return servos + {HOST: host, STOP: 2 * PERIOD, WATCHDOG: BOARD.WATCHDOG + PERIOD}.get(by, 0.0)
+    return servos + {HOST: host, STOP: 2 * PERIOD, WATCHDOG: patience + PERIOD}.get(by, 0.0)
 
 
 def switched_on(row: Row, board: Any = None) -> tuple[Any, Rig]:
@@ -429,7 +433,7 @@ def run(rig: Rig, duration: float, *observers: Any) -> tuple[Outcome, Recorder]:
     return outcome, record
 
 
-def recovers(row: Row, board: Any) -> bool:
+def recovers(row: Row, board: Any, switched_on: Callable[..., tuple[Any, Rig]]) -> bool:
     """Whether the program runs again on the board when the cause is gone."""
     _, rig = switched_on(row, board)
     outcome, _ = run(rig, AGAIN)
@@ -437,8 +441,19 @@ def recovers(row: Row, board: Any) -> bool:
     return outcome.ending is Ending.FINISHED and not serious
 
 
-def carried_out(row: Row) -> FaultRow:
-    """A row as measured and judged."""
+def carried_out(
+    row: Row,
+    switched_on: Callable[..., tuple[Any, Rig]] = switched_on,
+    patience: float = BOARD.WATCHDOG,
+) -> FaultRow:
+    """A row as measured and judged.
+
+    Args:
+        row: The row.
+        switched_on: Gives hardware and rig of a row, on a board that has been there before if one
+            is given.
+        patience: Time in s after which the board levels the plate by itself.
+    """
     hardware, rig = switched_on(row)
     begun: list[tuple[float, float]] = []
 
@@ -469,7 +484,7 @@ def carried_out(row: Row) -> FaultRow:
     levels = {Severity.LEVEL: HOST, Severity.STOP: STOP}
     wanted = row.by or (levels.get(expected.severity, NOBODY) if expected else NOBODY)
     allowed = expected.within + PERIOD + row.more if expected else 0.0
-    limit = allowed + way_to_level(wanted) if wanted != NOBODY else None
+    limit = allowed + way_to_level(wanted, patience) if wanted != NOBODY else None
     until = math.inf if limit is None else limit
     ball = np.abs(after[after[:, 0] <= now + seen + min(until, AFTER), 3:5]).max(axis=0)
     ends = expected is not None and expected.severity is not Severity.WARNING
@@ -487,7 +502,7 @@ def carried_out(row: Row) -> FaultRow:
         line=outcome.reason,
         says=True,
         whole=bool((gaps > 0).all()) and record.end >= outcome.time - PERIOD,
-        recovered=recovers(row, hardware.line.board),
+        recovered=recovers(row, hardware.line.board, switched_on),
         reason=reason,
         reason_expected=due,
         stopped_by=(by, by),

@@ -53,8 +53,8 @@ def document(rows: Sequence[FaultRow], own: Sequence[FaultRow] = ()) -> str:
         good=sum(row.good for row in rows),
         number=len(rows),
         heading=FAULT_HEADINGS,
-        matrix=map(_cells, rows),
-        own=map(_cells, own),
+        matrix=map(row_cells, rows),
+        own=map(row_cells, own),
         own_good=sum(row.good for row in own),
         own_number=len(own),
     )
@@ -72,7 +72,8 @@ def _keys() -> dict[str, str]:
     return {key: " ".join(text.split()) for key, text in entries}
 
 
-def _cells(row: FaultRow) -> tuple[str, ...]:
+def row_cells(row: FaultRow) -> tuple[str, ...]:
+    """The cells of a row in a page."""
     left = any(way > whole / 2 for way, whole in zip(row.ball_later, SCREEN_SIZE_M, strict=True))
     then = "off the plate" if left else ", ".join(f"{1e3 * way:.0f}" for way in row.ball_later)
     facts = ("yes" if fact else "**NO**" for fact in (row.whole, row.recovered))
