@@ -6,8 +6,10 @@ The examples of own hardware on a network, each against an emulation of its othe
 import importlib.util
 import math
 import socket
+import sys
 import threading
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -118,3 +120,68 @@ def test_a_board_that_does_not_answer_is_named():
         with pytest.raises(OSError, match=f"{host}:{port}: no line from the board within 2 s"):
             rig.start()
         rig.stop()
+
+
+@pytest.fixture
+def cv2():
+    """OpenCV, which only these examples use."""
+    return pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
+
+
+@pytest.fixture
+def pictures(monkeypatch):
+    """The example that makes pictures, where the camera's example finds it."""
+    module = example("pictures")
+    monkeypatch.setitem(sys.modules, "pictures", module)
+    return module
+
+
+@pytest.fixture
+def camera(cv2, pictures):
+    """The example with a camera, as the rig file describes it."""
+    file = tomllib.loads((EXAMPLES / "servos_and_opencv.toml").read_text(encoding="utf-8"))
+    return example("opencv_camera").OverheadCamera(**file["touch"]["options"])
+
+
+@pytest.mark.parametrize("ball", [(0.0, 0.0), (0.12, -0.12), (-0.12, 0.1), (-0.05, 0.03)])
+def test_the_ball_of_a_picture_is_found_within_half_a_millimetre(camera, pictures, ball):
+    found = camera.find(pictures.Pictures(ball).picture())
+    assert found == pytest.approx(ball, abs=5e-4)
+
+
+def test_a_camera_whose_place_is_wrong_is_wrong_by_the_height_of_the_ball(camera, pictures):
+    """As if it stood above the ball: the ball is 20 mm above the plate, seen from 550 mm."""
+    camera.eye[:] = 0.12, -0.12
+    x, y = camera.find(pictures.Pictures((0.12, -0.12)).picture())
+    missed = 0.02 / 0.55 * 0.06  # m, for 60 mm along x
+    assert x - 0.12 == pytest.approx(missed, abs=5e-4)
+    assert y + 0.12 == pytest.approx(-missed * 7 / 6, abs=5e-4)
+
+
+def test_an_empty_plate_has_no_ball(camera, pictures):
+    assert all(map(math.isnan, camera.find(pictures.Pictures((math.nan, 0.0)).picture())))
+
+
+def test_the_corners_of_the_rig_file_are_those_of_the_pictures(pictures):
+    file = tomllib.loads((EXAMPLES / "servos_and_opencv.toml").read_text(encoding="utf-8"))
+    assert file["touch"]["options"]["corners"] == pictures.corners()
+    assert file["touch"]["options"]["eye"] == pictures.EYE_M.tolist()
+
+
+def test_pictures_that_end_are_a_fault_of_the_camera(camera):
+    camera.start()
+    assert camera.measure()[:2] == pytest.approx((0.03, -0.02), abs=5e-4)
+    first = camera.measure().at
+    assert waited(lambda: camera.measure().at > first)
+    camera.camera.read = lambda: (False, None)
+    assert waited(camera.faults)
+    assert camera.faults() == ("camera made: no more pictures",)
+    camera.stop()
+    assert not camera.thread.is_alive()
+
+
+def test_a_camera_that_is_not_there_is_named(cv2, camera):
+    camera.source = "nowhere.mp4"
+    with pytest.raises(OSError, match=r"camera nowhere\.mp4: no picture"):
+        camera.start()
+    camera.stop()
