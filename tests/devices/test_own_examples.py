@@ -3,28 +3,17 @@
 The examples of own hardware on a network, each against an emulation of its other side.
 """
 
-import importlib.util
 import math
 import socket
 import sys
 import threading
 import time
 import tomllib
-from pathlib import Path
 
 import pytest
+from own_board import EXAMPLE, example
 
 from ballplate.hardware import Reading
-
-EXAMPLES = Path(__file__).parents[2] / "examples" / "own_rig"
-
-
-def example(name):
-    """A program of the examples, which is in no package, as a module."""
-    spec = importlib.util.spec_from_file_location(f"own_example_{name}", EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def line_of(text):
@@ -139,7 +128,7 @@ def pictures(monkeypatch):
 @pytest.fixture
 def camera(cv2, pictures):
     """The example with a camera, as the rig file describes it."""
-    file = tomllib.loads((EXAMPLES / "servos_and_opencv.toml").read_text(encoding="utf-8"))
+    file = tomllib.loads((EXAMPLE / "servos_and_opencv.toml").read_text(encoding="utf-8"))
     return example("opencv_camera").OverheadCamera(**file["touch"]["options"])
 
 
@@ -163,7 +152,7 @@ def test_an_empty_plate_has_no_ball(camera, pictures):
 
 
 def test_the_corners_of_the_rig_file_are_those_of_the_pictures(pictures):
-    file = tomllib.loads((EXAMPLES / "servos_and_opencv.toml").read_text(encoding="utf-8"))
+    file = tomllib.loads((EXAMPLE / "servos_and_opencv.toml").read_text(encoding="utf-8"))
     assert file["touch"]["options"]["corners"] == pictures.corners()
     assert file["touch"]["options"]["eye"] == pictures.EYE_M.tolist()
 
