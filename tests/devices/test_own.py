@@ -500,6 +500,18 @@ def test_the_doctor_examines_own_hardware(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.real_time
+def test_the_doctor_sees_by_the_ball_how_the_axes_of_own_hardware_tilt(tmp_path):
+    with board(tmp_path, "--wire", "udp") as rig:
+        done = run_command(tmp_path, "doctor", "--rig", rig, "--on", "hobby", "--move", "--ball",
+                           "--json")  # fmt: skip
+    found = {each["what"]: each for each in json.loads(done.stdout)}
+    assert done.returncode == 0, done.stdout
+    assert found["ball by phi"]["verdict"] == found["ball by theta"]["verdict"] == "pass"
+    assert "tilt of phi" not in found
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("command", "told"), re.findall(r"^\| `(run .*?)` \| (.*?)(?: %)? \|$", PAGE, re.MULTILINE)
 )
