@@ -162,7 +162,7 @@ class Stepped(OnLine, ARDUINO.Arduino):  # type: ignore[name-defined,misc]
 
     def __init__(self, *, encoder: bool) -> None:
         super().__init__("emulated")
-        ARDUINO.serial = SimpleNamespace(Serial=Line)
+        ARDUINO.serial = SimpleNamespace(serial_for_url=Line)
         self.line = Line()
         self._encoder = encoder
         self._angles = (-math.inf, 0.0, 0.0)

@@ -17,7 +17,7 @@ def with_sum(text: str) -> bytes:
 
 
 class Arduino(Hardware):
-    """The board behind a serial port."""
+    """The board behind a serial port, or behind TCP if the port is `socket://HOST:PORT`."""
 
     watchdog = True  # its program levels the plate when it hears nothing for 0.3 s
 
@@ -27,7 +27,8 @@ class Arduino(Hardware):
 
     def start(self) -> None:
         """Open the port, wait for the board, and bring the plate level."""
-        self.line = serial.Serial(self.port, 115200, timeout=2.0, write_timeout=0.0)
+        options = {"baudrate": 115200, "timeout": 2.0, "write_timeout": 0.0}
+        self.line = serial.serial_for_url(self.port, **options)
         self.line.write(with_sum("P 0 0"))
         if b"B" not in self.line.read_until(b"\n") + self.line.read_until(b"\n"):
             raise OSError(f"{self.port}: no line from the board within 2 s; is it the right port?")

@@ -469,6 +469,9 @@ def ballplate(folder, *words):
         (("--lose", 0.01), 0, "no encoder shows"),
         (("--reset-at", 2), 1, "the board was reset 1 times"),
         (("--silent-at", 2), 1, "measurements ended"),
+        (("--wire", "tcp"), 0, "no encoder shows"),
+        (("--wire", "udp", "--lose", 0.02), 0, "no encoder shows"),
+        (("--wire", "udp", "--reset-at", 3), 1, "the board was reset 1 times"),
     ],
 )
 def test_the_example_runs_on_its_emulated_board(options, code, words, tmp_path):
@@ -494,6 +497,18 @@ def test_the_doctor_examines_own_hardware(tmp_path):
     x = float(re.match(r"x ([+\d.]+)", found["ball"]["seen"])[1])
     assert x == pytest.approx(30, abs=0.5)  # mm; a pixel of its camera is 0.5
     assert found["tilt of phi"]["verdict"] == "warn"
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_the_doctor_sees_by_the_ball_how_the_axes_of_own_hardware_tilt(tmp_path):
+    with board(tmp_path, "--wire", "udp") as rig:
+        done = run_command(tmp_path, "doctor", "--rig", rig, "--on", "hobby", "--move", "--ball",
+                           "--json")  # fmt: skip
+    found = {each["what"]: each for each in json.loads(done.stdout)}
+    assert done.returncode == 0, done.stdout
+    assert found["ball by phi"]["verdict"] == found["ball by theta"]["verdict"] == "pass"
+    assert "tilt of phi" not in found
 
 
 @pytest.mark.long

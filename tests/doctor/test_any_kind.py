@@ -207,7 +207,7 @@ def test_a_plate_without_encoders_is_to_be_watched(bench):
     found = reported(bench.servos(encoders=False))
     tilt = found["tilt of theta"]
     assert (tilt.status, tilt.seen) == (CheckStatus.WARN, "no encoder measures it")
-    assert tilt.advice == "the end at larger y goes up: did it?"
+    assert tilt.advice == "the end at larger y goes up: did it? or let the ball show it, by --ball"
 
 
 def test_servos_that_never_have_torque_fail_and_are_not_moved(bench, monkeypatch):

@@ -12,9 +12,17 @@ from twin.hal.cams import FixedRatio
 from twin.run.assemble import build_limits
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_rig"
-spec = importlib.util.spec_from_file_location("own_board", EXAMPLE / "board.py")
-board = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(board)
+
+
+def example(name):
+    """A program of the example, which is in no package, as a module."""
+    spec = importlib.util.spec_from_file_location(f"own_example_{name}", EXAMPLE / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+board = example("board")
 
 
 class VirtualBoard(Hardware):

@@ -69,6 +69,7 @@ STATUS_COLOURS = {
     help="Scenario that the rig is to run [circle].",
 )
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
+@click.option("--ball", is_flag=True, help="With --move: see by the ball how each axis tilts.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
 @options.SETTING
@@ -79,10 +80,17 @@ def doctor(
     overrides: tuple[str, ...],
     *,
     move: bool,
+    ball: bool,
     reset: bool,
     udev: bool,
 ) -> int:
-    """Check everything that a rig needs before it is brought up, and say what to do."""
+    """Check everything that a rig needs before it is brought up, and say what to do.
+
+    With --move --ball the ball lies at rest in the middle: each axis is tilted by a degree or two
+    until the ball rolls 8 mm, and is tilted back to brake it.
+    """
+    if ball and not move:
+        raise RigError("--ball: tilts the plate until the ball rolls; it needs --move")
     if udev:
         from twin.devices.lumio.config import UDEV_RULES
 
@@ -94,7 +102,7 @@ def doctor(
 
     chosen = load(scenario, overrides)
     with rig_file(rig, chosen) as (file, ask):
-        found = _print_results(examine(chosen, file, ask, move=move, reset=reset))
+        found = _print_results(examine(chosen, file, ask, move=move, reset=reset, ball=ball))
         if move and rig != EMULATED_RIG:
             failed = any(each.status is CheckStatus.FAIL for each in found)
             note_result(file, passed=not failed)

@@ -173,6 +173,8 @@ class HardwareRig(Rig):
         self.unchecked = unchecked
         """Why the first motion after it is switched on must be slow, in words; empty for not."""
         self._ball = BallAgreement(clock.period)
+        self.watches_roll = True
+        """Whether a ball that rolls against the tilt stops the rig; the doctor looks for itself."""
         self._slow_periods = 0
         """Periods for which the plate still turns slowly, at most."""
         self._scheduling = scheduling
@@ -255,7 +257,7 @@ class HardwareRig(Rig):
         """The present measurement; a rig past a limit, or with a fault, is stopped here."""
         self.screen.note_plate(self.servos.plate())
         measurement = super().read()
-        if self.supervisor.all_running:
+        if self.supervisor.all_running and self.watches_roll:
             y, touched = measurement.y[0], bool(measurement.touched[0])
             found = self._ball.look(y[0::2], y[1::2], touched)
             if found is not None:

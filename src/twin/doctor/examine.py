@@ -30,6 +30,7 @@ from twin.doctor import drives
 from twin.doctor.check import (
     Ask,
     CheckResult,
+    CheckStatus,
     fail_check,
     note_check,
     pass_check,
@@ -37,6 +38,7 @@ from twin.doctor.check import (
     warn_check,
 )
 from twin.doctor.drives import exchange
+from twin.doctor.rolling import roll
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import FaultSource, Severity, Transmission
 from twin.hal.supervisor import BALL_LOST_AFTER_S
@@ -139,7 +141,7 @@ def _check_cams(rig: RigFile) -> CheckResult:
 
 
 def examine(
-    scenario: Scenario, rig: RigFile, ask: Ask, *, move: bool, reset: bool
+    scenario: Scenario, rig: RigFile, ask: Ask, *, move: bool, reset: bool, ball: bool = False
 ) -> Iterator[CheckResult]:
     """Every check, as it is made.
 
@@ -149,10 +151,45 @@ def examine(
         ask: Requests that the ball is put on or lifted.
         move: Whether drives may have torque and the plate may be tilted by a degree.
         reset: Whether faults found in the drives are reset.
+        ball: Whether the ball is to roll as well, to show the directions of the axes.
     """
+    good = True
+    for result in _devices(scenario, rig, ask, move=move, reset=reset, ball=ball):
+        good = good and result.status is not CheckStatus.FAIL
+        yield result
+    if not (ball and move and good):
+        return
+    ask("lift")
+    ask("put")  # in the middle: a virtual rig puts a ball that was lifted back where it was
+    yield from report_errors(rolling_ball(scenario, rig), "rolling ball", ROLL_ADVICE)
+
+
+ROLL_ADVICE = "put the ball in the middle of a level plate, and see the reason"
+
+
+def rolling_ball(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
+    """Check by the ball in which direction each axis tilts; the whole rig is switched on.
+
+    Args:
+        scenario: Its period and limits.
+        rig: Its file.
+
+    Raises:
+        TwinError: The rig cannot be switched on, or it stopped.
+    """
+    real = connect(scenario, rig)
+    real.watches_roll = False
+    with real:
+        yield from roll(real, rig.patience)
+
+
+def _devices(
+    scenario: Scenario, rig: RigFile, ask: Ask, *, move: bool, reset: bool, ball: bool
+) -> Iterator[CheckResult]:
+    """The computer, then each device by itself."""
     yield from computer(scenario, rig)
     if rig.backend is not None:
-        check = own(scenario, rig, move=move)
+        check = own(scenario, rig, move=move, ball=ball)
         yield from report_errors(check, "backend", "fix its class (docs/your-rig.md)")
         return
     if rig.has_lumio:
@@ -167,7 +204,7 @@ def examine(
         check = any_screen(scenario, rig)
         yield from report_errors(check, "touch screen", ANY_KIND_ADVICE)
     if not rig.has_akd:
-        check = any_servos(scenario, rig, move=move, reset=reset)
+        check = any_servos(scenario, rig, move=move, reset=reset, ball=ball)
         yield from report_errors(check, "drives", ANY_KIND_ADVICE)
         return
     servos = AkdServos(rig.servos(scenario.rig.period))
@@ -357,7 +394,7 @@ def any_screen(
         kind = rig.kinds["touch"].name
         yield pass_check("touch screen", f"{screen.where} of kind '{kind}' starts")
         real.clock.start()
-        periods, touched = round(check.watch_s / real.period), 0
+        begun, periods, touched = real.servos.now(), round(check.watch_s / real.period), 0
         for _ in range(periods):
             real.clock.wait()
             screen.receive()
@@ -374,7 +411,7 @@ def any_screen(
         if touched < check.min_ball_share * periods:
             yield _no_ball(touched / periods, "the time")
         else:
-            yield from _check_measurements(seen, check)
+            yield from _check_measurements(seen, real.servos.now() - begun, check)
     finally:
         screen.stop()
 
@@ -385,6 +422,7 @@ def any_servos(
     *,
     move: bool,
     reset: bool,
+    ball: bool = False,
     check: DeviceCheck = DEVICE_CHECK,
 ) -> Iterator[CheckResult]:
     """Check servos of any kind: that they start, and tilt the plate in the right direction.
@@ -394,6 +432,7 @@ def any_servos(
         rig: Their file; the screen is not used.
         move: Whether the plate may be tilted by a degree.
         reset: Whether faults found in the drives are reset.
+        ball: Whether the ball is to show the tilts later, if no encoder measures them.
         check: Constants of the check.
 
     Raises:
@@ -420,7 +459,8 @@ def any_servos(
             yield fail_check("torque", seen, "is their power on? do the drives hold a fault?")
             return
         servos.home(level, transmission.motor(level))
-        yield from _check_tilts(real, transmission, check)
+        if servos.encoders or not ball:
+            yield from _check_tilts(real, transmission, check)
     finally:
         servos.stop()
 
@@ -451,7 +491,12 @@ def _raise_fault(device: FaultSource) -> None:
 
 
 def own(
-    scenario: Scenario, rig: RigFile, *, move: bool, check: DeviceCheck = DEVICE_CHECK
+    scenario: Scenario,
+    rig: RigFile,
+    *,
+    move: bool,
+    ball: bool = False,
+    check: DeviceCheck = DEVICE_CHECK,
 ) -> Iterator[CheckResult]:
     """Check own hardware: that it starts, measures, and tilts in the right direction.
 
@@ -459,6 +504,7 @@ def own(
         scenario: Its period and limits.
         rig: Its file.
         move: Whether the plate may be tilted by a degree.
+        ball: Whether the ball is to show the tilts later, if no encoder measures them.
         check: Constants of the check.
 
     Raises:
@@ -472,15 +518,17 @@ def own(
         real.clock.start()
         servos.home(np.zeros(2), np.zeros(2))
         yield pass_check("backend", f"{Path(str(rig.backend)).name} starts and measures")
+        begun = servos.now()
         readings = _collect_readings(real, servos, check.watch_s)
-        if not (yield from report_errors(_check_measurements(readings, check), "ball")):
+        watched_s = servos.now() - begun
+        if not (yield from report_errors(_check_measurements(readings, watched_s, check), "ball")):
             return
         for fault in servos.warnings():
             yield warn_check("safety net", fault.detail, fault.condition.recovery)
-        if move:
-            yield from _check_tilts(real, FixedRatio(), check)
-        else:
+        if not move:
             yield warn_check("tilt", "not tested", MOVE_ADVICE)
+        elif servos.encoders or not ball:
+            yield from _check_tilts(real, FixedRatio(), check)
     finally:
         servos.stop()
 
@@ -504,11 +552,13 @@ def _collect_readings(real: HardwareRig, servos: OwnServos, seconds: float) -> l
     return list(found.values())
 
 
-def _check_measurements(seen: list[Reading], check: DeviceCheck) -> Iterator[CheckResult]:
-    """How often the hardware measures, and where it sees the ball."""
+def _check_measurements(
+    seen: list[Reading], watched_s: float, check: DeviceCheck
+) -> Iterator[CheckResult]:
+    """How often the hardware measures, in a time in s, and where it sees the ball."""
     at = np.array([each.at for each in seen])
     gap = float(np.diff(at).max()) if len(at) > 1 else math.inf
-    rate = f"{(len(at) - 1) / check.watch_s:.0f} a second, longest gap {1e3 * gap:.0f} ms"
+    rate = f"{(len(at) - 1) / watched_s:.0f} a second, longest gap {1e3 * gap:.0f} ms"
     if len(at) < check.min_measurements:
         yield fail_check("measurements", rate, "is `at` the time of each of them?")
         return
@@ -560,8 +610,11 @@ def _check_tilts(
         turned = float(servos.plate()[0, axis] - before)
         seen = f"{math.degrees(turned):+.2f} deg for {commanded}"
         turn(-rates)
+        for further in (-rates, 0 * rates, rates):  # the same the other way brakes the ball
+            turn(further)
         if not servos.encoders:
-            yield warn_check(f"tilt of {angle}", "no encoder measures it", f"{look}: did it?")
+            advice = f"{look}: did it? or let the ball show it, by --ball"
+            yield warn_check(f"tilt of {angle}", "no encoder measures it", advice)
         elif not abs(turned / check.tilt_rad - 1) <= check.max_tilt_error:
             advice = "check sign and scale of the command and of the encoder"
             yield fail_check(f"tilt of {angle}", seen, advice)
