@@ -16,7 +16,6 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +29,7 @@ from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.followers import FREE, PARTS
 from twin.base.page import render_template
+from twin.base.parts import own_version
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
 from twin.hal.interface import Limits
@@ -203,7 +203,7 @@ def model_description(
             and InitialUnknowns name no dependency, as its outputs have none.
     """
     given = {"variables": variables, "fmi": fmi, "bus": bus, **about}
-    given |= {"version": version("ballplate"), "exponents": exponents}
+    given |= {"version": own_version(), "exponents": exponents}
     files = {"modelDescription.xml": "", "buildDescription.xml": "sources/"}
     return {
         f"{place}{file}": render_template(TEMPLATE_FOLDER / f"{file}.j2", **given)
