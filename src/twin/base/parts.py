@@ -63,8 +63,10 @@ class PartFinder:
         """
         for extra_name, part in PARTS.items():
             if name in part.modules and _importing_package() in PACKAGE_NAMES:
-                how = f"pip install '{DISTRIBUTIONS[-1]}[{extra_name}]'"
-                raise AbsentPartError(f"needs {name}, for {part.purpose}: {how}", name=name)
+                whole = own_distribution() == DISTRIBUTIONS[0]
+                how = DISTRIBUTIONS[0] if whole else f"'{DISTRIBUTIONS[-1]}[{extra_name}]'"
+                line = f"needs {name}, for {part.purpose}: pip install {how}"
+                raise AbsentPartError(line, name=name)
         return None
 
 

@@ -18,10 +18,9 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
@@ -41,6 +40,9 @@ from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PARAMETER_CLASSES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),
@@ -414,6 +416,8 @@ def reference(scenario: Scenario) -> dict[str, str]:
 
     The scenario's own controller commands; the numbers are those of the twin in Python.
     """
+    import pandas as pd  # noqa: PLC0415  not in ballplate-core
+
     rig, controller = assemble(scenario)
     rows = list[list[float]]()
     with own_errors(), rig:

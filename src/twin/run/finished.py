@@ -25,7 +25,7 @@ from controllers.stable_inversion import AboutMotion
 from twin.base.data_file import DataError, parse_json
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.jobs import SecondProcess
-from twin.base.parts import left_out, own_version
+from twin.base.parts import AbsentPartError, left_out, own_version
 from twin.base.writing import remove, write_json, write_whole
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
@@ -696,13 +696,10 @@ def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
 
 
 def _metadata(folder: Path) -> Mapping[str, Any]:
-    """The metadata of a folder's record; empty if there is none, or it cannot be read."""
-    file = files.record_in(folder)
-    if not file.exists():
-        return {}
+    """The metadata of a folder's record; empty if it cannot be read, or has none."""
     try:
-        found = parse_json(read_metadata(file) or b"{}")
-    except (RecordError, DataError):
+        found = parse_json(read_metadata(files.record_in(folder)) or b"{}")
+    except (RecordError, DataError, AbsentPartError):
         return {}
     return found if isinstance(found, dict) else {}
 
