@@ -17,7 +17,7 @@ from twin.base.page import markdown
 from twin.base.writing import write_whole
 
 FILE = Path(__file__).parent.parent / "docs" / "data" / "performance.toml"
-LIBRARIES = ("mujoco", "numpy", "scipy")
+LIBRARIES = ("mujoco-core", "numpy", "scipy")
 
 
 class Measurement(NamedTuple):

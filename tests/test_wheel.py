@@ -1,29 +1,13 @@
 """Tests of `ballplate`."""
 
 import json
-import os
-import shutil
-import subprocess
 import sys
 import tarfile
-import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parent.parent
-SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-PROJECT = SETTINGS["project"]
-UV = os.environ.get("UV") or shutil.which("uv")
-
-
-def call(*command, **options):
-    done = subprocess.run(
-        [str(part) for part in command], capture_output=True, text=True, check=False, **options
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+from fresh_environment import PROJECT, ROOT, UV, call, clean_variables, here, installed, pins_in
 
 
 @pytest.fixture(scope="module")
@@ -33,16 +17,6 @@ def wheel(tmp_path_factory):
     call(UV, "build", "--wheel", "--out-dir", folder, ROOT)
     (path,) = folder.glob("*.whl")
     return path
-
-
-def installed(place, interpreter, *packages):
-    """Programs of a fresh environment with some packages at their pins, and variables for them."""
-    pins, environment = place / "pins.txt", place / "environment"
-    pins.write_text("\n".join(SETTINGS["tool"]["uv"]["constraint-dependencies"]), encoding="utf-8")
-    call(UV, "venv", "--python", interpreter, environment)
-    programs = environment / "bin"
-    call(UV, "pip", "install", "--python", programs / "python", "--constraint", pins, *packages)
-    return programs, {"PATH": os.environ["PATH"], "HOME": str(place)}
 
 
 @pytest.mark.long
@@ -122,17 +96,6 @@ print(ballplate.systems.linear().state_labels[0])
         assert Path(file).is_relative_to(programs.parent)
 
 
-def here(version):
-    """An interpreter of a version on this machine, None if there is none."""
-    places = [shutil.which(f"python{version}")]
-    places += sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
-    for place in filter(None, places):  # a shim may stand for nothing
-        done = subprocess.run([place, "--version"], capture_output=True, text=True, check=False)
-        if done.stdout.startswith(f"Python {version}."):
-            return place
-    return None
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
 def test_with_every_extra_it_runs_and_draws_on_each_python_that_is_here(wheel, tmp_path, python):
@@ -154,3 +117,15 @@ def test_with_every_extra_it_runs_and_draws_on_each_python_that_is_here(wheel, t
     library |= {"play": "nicegui", "tune": "optuna", "video": "av"}
     imports = ", ".join(library.get(each, each) for each in extras.split(","))
     call(folder / "python", "-c", f"import {imports}", cwd=tmp_path, env=clean)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
+def test_a_runner_of_tools_runs_it_from_the_wheel_alone(wheel, tmp_path, python):
+    interpreter = here(python)
+    if interpreter is None:
+        pytest.skip(f"no Python {python} here")
+    tool = (UV, "tool", "run", "--python", interpreter, "--constraints", pins_in(tmp_path))
+    run = ("--from", wheel, "ballplate", "run", "circle", "--set", "duration=2", "--json")
+    printed = call(*tool, *run, cwd=tmp_path, env=clean_variables(tmp_path))
+    assert json.loads(printed)["outcome"] == "finished"

@@ -20,6 +20,7 @@ from ballplate.reporter import (
 )
 from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_of_path
 from twin.base.errors import LawError, ScenarioError
+from twin.base.parts import left_out
 from twin.base.shipped import find
 from twin.base.writing import write_json, write_whole
 from twin.run.files import (
@@ -140,10 +141,11 @@ class Comparison(Mapping[str, "Result"]):
         Raises:
             RecordError: If it cannot be written.
         """
-        from twin.run.picture import png
+        from twin.run.finished import draw_runs
 
         place = Path(folder)
-        write_whole(place / PICTURE_OF_MANY, png(self.motions, self.title, self._plate))
+        with left_out(file := place / PICTURE_OF_MANY):
+            write_whole(file, draw_runs(self.motions, self.title, self._plate))
         content = {
             "folders": list(self.folders.values()),
             "names": [self.names[label] for label in self.folders],

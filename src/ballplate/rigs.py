@@ -17,7 +17,8 @@ from ballplate.reporter import Reporter, default
 from ballplate.results import Result
 from controllers.arrays import Array
 from controllers.interfaces import Measurement, Reference
-from twin.base.errors import RecordError, ScenarioError, TwinError, extra
+from twin.base.errors import RecordError, ScenarioError, TwinError
+from twin.base.parts import extra
 from twin.base.shipped import find
 from twin.run.assemble import PLANTS, assemble
 from twin.run.loop import RunMonitor, record_and_wait

@@ -11,6 +11,7 @@ from contextlib import (
     nullcontext,
     suppress,
 )
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -199,7 +200,8 @@ def trace_file(
     from twin.devices.akd.traces import check_ending
 
     if trace is None:
-        return None if folder is None else folder / TRACE_FILE
+        with_bus = find_spec("can") is not None
+        return folder / TRACE_FILE if folder is not None and with_bus else None
     check_ending(Path(trace))
     return Path(trace)
 
@@ -416,12 +418,13 @@ def rig_of(
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
     """
-    from twin.emulator.serve import serve_rig
     from twin.scenario.rig import check_rig, read_rig
 
     if on != EMULATED_RIG:
         yield read_rig(Path(on)), None
         return
+    from twin.emulator.serve import serve_rig
+
     with serve_rig(scenario) as virtual:
         yield check_rig(virtual.tables, EMULATED_RIG), virtual
         reporter.note(virtual.lag())
@@ -464,11 +467,13 @@ def open_rig(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None, scenario
         return
-    from twin.emulator.injection import inject, plan_faults
     from twin.run.assemble import assumed_transmission, build_reference
     from twin.run.connect import connect
 
-    planned = plan_faults(faults, scenario.duration, reporter.name_of("faults"))
+    if on == EMULATED_RIG:
+        from twin.emulator.injection import inject, plan_faults
+
+        planned = plan_faults(faults, scenario.duration, reporter.name_of("faults"))
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
     if scenario.change:
@@ -569,6 +574,8 @@ def stream_record(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[
         folder: Holds no run.
         attach: What else is given the recorder before the run.
     """
+    import pyarrow  # noqa: F401  a rig without record does not move
+
     from twin.run.finished import run_metadata
     from twin.run.record import stream
     from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess

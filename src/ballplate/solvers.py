@@ -15,7 +15,8 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.systems import INPUTS, SPIN, UNITS, without_state
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED_STATES, STATE_NAMES, constants
-from twin.base.errors import ModelError, ScenarioError, extra
+from twin.base.errors import ModelError, ScenarioError
+from twin.base.parts import extra
 from twin.fmu.export import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import RollingModel, rolling

@@ -14,6 +14,7 @@ from ballplate.comparing import carried_out, cases_of
 from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
 from twin.base.errors import LawError, ScenarioError, nearest
 from twin.base.page import Picture, Table, Text, fragment
+from twin.base.parts import left_out
 from twin.base.shipped import find
 from twin.base.writing import write_whole
 from twin.run.files import INDICATOR_UNITS
@@ -177,9 +178,12 @@ class Sweep:
         Raises:
             RecordError: If they cannot be written.
         """
-        figure, text, place = self.plot(), self.csv(), Path(folder)
-        write_whole(place / "sweep.png", lambda file: figure.savefig(file, format="png", dpi=110))
-        write_whole(place / "sweep.csv", text)
+        place = Path(folder)
+        with left_out(file := place / "sweep.png"):
+            figure = self.plot()
+            write_whole(file, lambda path: figure.savefig(path, format="png", dpi=110))
+        with left_out(file := place / "sweep.csv"):
+            write_whole(file, self.csv())
         return place
 
     def _repr_html_(self) -> str:

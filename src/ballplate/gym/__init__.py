@@ -21,7 +21,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from twin.base.errors import extra
+from twin.base.parts import extra
 
 with extra("gym", "ballplate.gym"):
     from gymnasium.envs.registration import register, registry

@@ -8,14 +8,14 @@ TwinError
 +-- RecordError       a run folder cannot be written or read
 +-- LogError          a log cannot be read, or nothing can be learned from it
 +-- RigError          a rig cannot be switched on; also DriveError and ScreenError of its devices
++-- AbsentPartError   a package is needed that is not installed; in ``twin.base.parts``
 """
 
 from __future__ import annotations
 
 import difflib
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 
 
 class TwinError(Exception):
@@ -57,20 +57,6 @@ class LogError(TwinError, ValueError):
 
 class RigError(TwinError, ConnectionError):
     """A rig, or one of its devices, cannot be brought up."""
-
-
-@contextmanager
-def extra(name: str, what: str) -> Iterator[None]:
-    """Import the packages of an extra; if one is missing, the error names who needs it.
-
-    Raises:
-        TwinError: If it is not installed.
-    """
-    try:
-        yield
-    except ImportError as error:
-        where = f"pip install 'ballplate[{name}]'"
-        raise TwinError(f"{what}: needs the extra {name}: {where}") from error
 
 
 def nearest(name: object, known: Iterable[str]) -> str:

@@ -12,7 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 from typing import TYPE_CHECKING, NamedTuple
 
-from twin.base.errors import ScenarioError, TwinError, extra
+from twin.base.errors import ScenarioError, TwinError
+from twin.base.parts import extra
 from twin.board.footprint import ARM_FLAGS
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ import click
 
 from twin.base.data_file import read_packaged
 from twin.base.errors import LawError, TwinError, printable, shorten
+from twin.base.parts import own_version
 
 if TYPE_CHECKING:
     from twin.cli.options import Command
@@ -70,11 +71,24 @@ class Commands(click.Group):
                 )
 
 
+def _print_version(context: click.Context, _: click.Parameter, asked: object) -> None:
+    if asked and not context.resilient_parsing:
+        click.echo(f"ballplate, version {own_version()}")
+        context.exit()
+
+
 @click.group(
     cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.version_option(package_name="ballplate", prog_name="ballplate")
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_print_version,
+    help="Show the version and exit.",
+)
 def ballplate() -> None:
     """A digital twin of a ball-and-plate rig; to begin: ballplate run circle."""
 

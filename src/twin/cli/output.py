@@ -81,6 +81,11 @@ def show(
         say(f"written to {folder}/: {files}")
 
 
+def written(folder: Path, *names: str) -> str:
+    """Those of some files that are in a folder, in words; a part that writes one may be missing."""
+    return ", ".join(name for name in names if (folder / name).exists()) or "nothing"
+
+
 def show_titles(titles: Mapping[str, str]) -> None:
     """Print what there is to run, name to title, one line each."""
     width = max(map(len, titles), default=0)

@@ -20,7 +20,18 @@ from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, Vi
 from twin.base.shipped import folder, model_path
 from twin.base.writing import write_whole
 from twin.cli import options
-from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, say, show, show_titles
+from twin.cli.output import (
+    TERMINAL,
+    Shown,
+    bold,
+    dim,
+    indicators,
+    reasons,
+    say,
+    show,
+    show_titles,
+    written,
+)
 from twin.run.files import (
     FILM_SUFFIXES,
     NEWEST_RUN,
@@ -130,7 +141,7 @@ def run(
             "designed on, without dead time, noise or mechanism"
         )
     shown.append(bold(done.verdict))
-    files = "picture.png, metrics.json, run.parquet"
+    files = written(folder, "picture.png", "metrics.json", "run.parquet")
     spoken = folder / "trace.log" if trace is None else trace
     if rig is not None and spoken.is_file():  # own hardware has no CAN bus
         shown.append(dim(f"the frames of the CAN bus: ballplate trace {spoken}"))
@@ -214,7 +225,9 @@ def compare(
         *reasons(by_name),
         *map(bold, distances(measured, found.motions)),
     )
-    files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
+    assert found.folder is not None
+    files = written(found.folder, "compare.png", "compare.json")
+    files += " and one folder per run" if found.folders else ""
     show(summaries, shown, found.folder, files)
     early = (not found[label].finished for label in found.folders)
     return int(found.interrupted or any(early))
@@ -263,7 +276,9 @@ def sweep(
         TERMINAL.warn(reason)
     if any(row["outcome"] == "not run" for row in done.rows):
         TERMINAL.warn("interrupted: what had not ended is not in the table")
-    show(numbers, [bold(done.title), done.table()], folder, "sweep.png, sweep.csv")
+    show(
+        numbers, [bold(done.title), done.table()], folder, written(folder, "sweep.png", "sweep.csv")
+    )
     return int(not done.finished)
 
 

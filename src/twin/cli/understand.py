@@ -13,6 +13,7 @@ import click
 from ballplate.changes import changes_of, scenario_of
 from twin.base.errors import ScenarioError
 from twin.base.page import Table, digits
+from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
 from twin.base.writing import check_writable, write_json
 from twin.cli import options
@@ -26,6 +27,7 @@ from twin.cli.output import (
     progress,
     show,
     warn,
+    written,
 )
 from twin.identify.parameters import (
     DEFAULT_PARAMETERS,
@@ -66,8 +68,9 @@ def explain(
         found = explain_scenario(chosen, advance, processes)
     numbers = summary(found)
     write_json(folder / "explain.json", numbers)
-    draw(folder / "picture.png", found)
-    show(numbers, _effects(found), folder, "picture.png, explain.json")
+    with left_out(file := folder / "picture.png"):
+        draw(file, found)
+    show(numbers, _effects(found), folder, written(folder, "picture.png", "explain.json"))
     return 0 if found.whole.rms is not None else 1
 
 

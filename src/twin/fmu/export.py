@@ -16,13 +16,11 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
@@ -30,6 +28,7 @@ from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.followers import FREE, PARTS
 from twin.base.page import render_template
+from twin.base.parts import own_version
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
 from twin.hal.interface import Limits
@@ -42,6 +41,9 @@ from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.plant.rim import Rim
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PARAMETER_CLASSES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),
@@ -204,7 +206,7 @@ def model_description(
             and InitialUnknowns name no dependency, as its outputs have none.
     """
     given = {"variables": variables, "fmi": fmi, "bus": bus, **about}
-    given |= {"version": version("ballplate"), "exponents": exponents}
+    given |= {"version": own_version(), "exponents": exponents}
     files = {"modelDescription.xml": "", "buildDescription.xml": "sources/"}
     return {
         f"{place}{file}": render_template(TEMPLATE_FOLDER / f"{file}.j2", **given)
@@ -415,6 +417,8 @@ def reference(scenario: Scenario) -> dict[str, str]:
 
     The scenario's own controller commands; the numbers are those of the twin in Python.
     """
+    import pandas as pd  # noqa: PLC0415  not in ballplate-core
+
     rig, controller = assemble(scenario)
     rows = list[list[float]]()
     with own_errors(), rig:

@@ -15,14 +15,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
-import pandas as pd
 from markupsafe import Markup, escape
 
 from controllers.catalog import EXECUTION_LOG
@@ -31,6 +29,7 @@ from twin.base.errors import ScenarioError, TwinError, nearest, printable, short
 from twin.base.jobs import results
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html, inline
 from twin.base.page import render_template as rendered
+from twin.base.parts import own_version
 from twin.base.shipped import folder as shipped
 from twin.base.writing import write_folder, write_whole
 from twin.lab.handed_in import Submission
@@ -215,7 +214,7 @@ def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) 
 def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | None) -> None:
     """Write the lab and the files of a system's templates into a folder."""
     graded = system != "folder"
-    wanted = f"/autograder/source/{wheel.name}" if wheel else f"ballplate=={version('ballplate')}"
+    wanted = f"/autograder/source/{wheel.name}" if wheel else f"ballplate=={own_version()}"
     closed = {*PRIVATE_FILES, "__pycache__"} - ({"hidden.toml", "truth.py"} if graded else set())
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
@@ -310,9 +309,9 @@ def draw_worst_check(judge: Judge, shown: Sequence[Result]) -> Drawing | None:
     check = max(runs, key=lambda each: (each.points - results[each.name]["score"], each.points))
     key = judge.key(check) if judge.measurements else ""
     name = words(judge.lab.language)("your_answer")
-    from twin.view.html import overview  # noqa: PLC0415  heavy: an unchanged regrade draws nothing
-
     try:
+        from twin.view.html import overview  # noqa: PLC0415  heavy: unchanged nothing is drawn
+
         drawing = overview([replace(judge.picture(check), name=name)])
     except Exception as error:  # noqa: BLE001 - a missing picture costs no points
         return Drawing(check.name, key, problem=printable(str(error)))
@@ -352,6 +351,8 @@ def class_page(
         people: The names of students, if known.
         alike: Answers that are alike, in words.
     """
+    import pandas as pd  # noqa: PLC0415  of classes only, and not in ballplate-core
+
     say, names = words(lab.language), people or {}
     graded, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
     scores = [[its["score"] for its in each["results"]] for each in graded]
@@ -428,6 +429,8 @@ def histogram(lab: Lab, scores: Sequence[float]) -> Table:
 
 def summary(found: Sequence[Result], language: str = "en") -> str:
     """The results of a class, in a sentence."""
+    import pandas as pd  # noqa: PLC0415  of classes only, and not in ballplate-core
+
     scores = pd.Series([each["score"] for each in found if each["results"]], dtype=float)
     ends = {"low": scores.min(), "high": scores.max(), "median": scores.median()}
     problems = sum("problem" in each for each in found)
@@ -661,6 +664,8 @@ def grade(
 
 def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
     """The marks of a class as CSV: a line for each student, a column for each check."""
+    import pandas as pd  # noqa: PLC0415  of classes only, and not in ballplate-core
+
     heads = ("student", "score", "max_score", *(each.name for each in lab.checks(hidden=True)))
     rows = [each | {check["name"]: check["score"] for check in each["results"]} for each in found]
     table = pd.DataFrame(rows, columns=[*heads, "problem"])

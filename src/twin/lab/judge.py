@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -24,6 +23,7 @@ from twin.base.errors import (
     printable,
     shorten,
 )
+from twin.base.parts import own_version
 from twin.base.shipped import shipped_in, shipped_scenarios
 from twin.base.validation import read_tables
 from twin.lab.handed_in import copy_files, is_there, missing
@@ -163,7 +163,7 @@ def judge_answer(
         "max_score": sum(each["max_score"] for each in results),
         "seconds": round(time.perf_counter() - begin, 2),
         "results": results,
-        "versions": {"ballplate": version("ballplate"), "model": code()[:16]},
+        "versions": {"ballplate": own_version(), "model": code()[:16]},
     }
 
 

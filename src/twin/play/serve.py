@@ -21,8 +21,9 @@ from urllib.parse import urlsplit
 from controllers import catalog
 from controllers.arrays import Array
 from controllers.catalog import error_words
-from twin.base.errors import TwinError, extra, printable, shorten
+from twin.base.errors import TwinError, printable, shorten
 from twin.base.jobs import SecondProcess, let_go, settle, spawn
+from twin.base.parts import extra
 from twin.play.driven import Part, save_driven
 from twin.play.session import (
     PICTURE_COLUMNS,

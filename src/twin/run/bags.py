@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, extra
+from twin.base.errors import LogError
+from twin.base.parts import extra
 from twin.run.readers import MAX_MATRIX_COLUMNS, ForeignTable
 from twin.run.record import MOST_ROWS
 

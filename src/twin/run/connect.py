@@ -10,7 +10,7 @@ import time
 from dataclasses import replace
 from math import radians
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.recording import Hear
 from twin.devices.kinds import Surroundings, build_device
 from twin.devices.own import OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
@@ -30,6 +29,9 @@ from twin.run.logs import COLUMN_UNITS, read_csv
 from twin.scenario.passed import has_passed
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from twin.devices.akd.recording import Hear
 
 UNPASSED_REASON = "`ballplate doctor --move` has not passed under this configuration"
 """Why the first motion of a rig is slow."""

@@ -6,9 +6,10 @@ import math
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from os.path import realpath
 from pathlib import Path
 from typing import Any, Self
@@ -24,6 +25,7 @@ from controllers.stable_inversion import AboutMotion
 from twin.base.data_file import DataError, parse_json
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.jobs import SecondProcess
+from twin.base.parts import AbsentPartError, left_out, own_version
 from twin.base.writing import remove, write_json, write_whole
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
@@ -435,7 +437,8 @@ def save_record(run: Run, folder: Path) -> None:
     # no file is better than the one of the run before
     for name in ("metrics.json", "picture.png"):
         remove(folder / name)
-    record_run(run, folder)
+    with left_out(folder / files.RUN_FILES[0]):
+        record_run(run, folder)
     write_json(folder / "metrics.json", run.summary())
 
 
@@ -455,7 +458,8 @@ def draw(
     """
     begin = helper.begin if helper else partial
     picture = begin(draw_runs, shown, run.scenario.title, run.scenario.dimensions)
-    write_whole(folder / "picture.png", picture())
+    with left_out(file := folder / "picture.png"):
+        write_whole(file, picture())
 
 
 def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> None:
@@ -503,8 +507,16 @@ def load_drawing() -> None:
 
 def versions() -> dict[str, str]:
     """Producer of a record: this project, its numerical libraries, Python."""
-    names = ("ballplate", "mujoco", "numpy", "scipy", "control")
-    return {"python": platform.python_version(), **{name: version(name) for name in names}}
+    found = {"python": platform.python_version(), "ballplate": own_version()}
+    for name, distribution in NUMERICAL_LIBRARIES.items():
+        with suppress(PackageNotFoundError):  # ballplate-core may be without
+            found[name] = version(distribution)
+    return found
+
+
+NUMERICAL_LIBRARIES = {"mujoco": "mujoco-core", "numpy": "numpy", "scipy": "scipy"}
+NUMERICAL_LIBRARIES |= {"control": "control"}
+"""Libraries of a run, and the distributions that have their versions."""
 
 
 _OPTIONAL_CHANNELS = {
@@ -687,7 +699,7 @@ def _metadata(folder: Path) -> Mapping[str, Any]:
     """The metadata of a folder's record; empty if it cannot be read, or has none."""
     try:
         found = parse_json(read_metadata(files.record_in(folder)) or b"{}")
-    except (RecordError, DataError):
+    except (RecordError, DataError, AbsentPartError):
         return {}
     return found if isinstance(found, dict) else {}
 

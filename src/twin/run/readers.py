@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, extra
+from twin.base.errors import LogError
+from twin.base.parts import extra
 from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
 
 MAX_DEPTH = 6

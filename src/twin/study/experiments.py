@@ -22,8 +22,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from twin.base.errors import RecordError, ScenarioError, TwinError, extra, one_line
+from twin.base.errors import RecordError, ScenarioError, TwinError, one_line
 from twin.base.jobs import JOBS_PER_PROCESS, cores, handed_out, pool, results
+from twin.base.parts import extra
 from twin.base.writing import write_whole
 from twin.run.files import MOTION_INDICATORS
 from twin.run.record import unreadable_errors

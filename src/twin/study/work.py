@@ -450,7 +450,7 @@ def code() -> str:
     return total.hexdigest()
 
 
-VERSIONED_LIBRARIES = ("mujoco", "numpy", "scipy", "control", "daqp")
+VERSIONED_LIBRARIES = ("mujoco-core", "numpy", "scipy", "control", "daqp")
 """Libraries with versions that may change the result of a run."""
 
 

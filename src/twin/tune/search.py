@@ -19,7 +19,7 @@ import numpy as np
 from scipy import stats
 
 from controllers.arrays import Array
-from twin.base.errors import extra
+from twin.base.parts import extra
 from twin.study.schema import Parameter, Point
 from twin.tune.trials import Indicators, NominalLoop, Trials, Tune
 

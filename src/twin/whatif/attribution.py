@@ -22,7 +22,6 @@ from twin.base.writing import write_whole
 from twin.run.assemble import linkage_of
 from twin.run.finished import Run
 from twin.run.metrics import Ending
-from twin.run.picture import RUN_COLOURS, literal, styled_figure
 from twin.run.together import run_together, work_in_batches
 from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
 
@@ -322,16 +321,15 @@ def summary(explanation: Explanation) -> dict[str, Any]:
     }
 
 
-WITHOUT_COLOUR, ALONE_COLOUR = RUN_COLOURS[1], RUN_COLOURS[0]
-"""Colours of the errors without an effect, and with it alone."""
-
-
 def draw(path: Path, explanation: Explanation) -> None:
     """Draw an explanation into a PNG file: error without each effect, and with it alone.
 
     Raises:
         RecordError: If the file cannot be written.
     """
+    from twin.run.picture import RUN_COLOURS, literal, styled_figure  # noqa: PLC0415  heavy
+
+    alone_colour, without_colour = RUN_COLOURS[:2]
     whole, none = explanation.size(explanation.whole), explanation.size(explanation.none)
     parts = explanation.contributions
     with styled_figure(10, 2.2 + 0.36 * max(len(parts), 3)) as figure:
@@ -340,16 +338,16 @@ def draw(path: Path, explanation: Explanation) -> None:
         panel = figure.subplots()
         for y, part in enumerate(parts):
             for case, other, at, colour, label in (
-                (part.without, whole, y - 0.13, WITHOUT_COLOUR, "all but this one"),
-                (part.alone, none, y + 0.13, ALONE_COLOUR, "this one alone"),
+                (part.without, whole, y - 0.13, without_colour, "all but this one"),
+                (part.alone, none, y + 0.13, alone_colour, "this one alone"),
             ):
                 size = explanation.size(case)
                 once = "" if y else label
                 panel.plot([other, size], [at] * 2, "-o", color=colour, lw=2, label=once)
                 if case.rms is None:
                     panel.text(np.fmax(whole, none), at, f" {case.outcome}", color=colour, size=7)
-        panel.axvline(whole, color=WITHOUT_COLOUR, lw=1, ls="--", label="all effects")
-        panel.axvline(none, color=ALONE_COLOUR, lw=1, ls="--", label="none of them")
+        panel.axvline(whole, color=without_colour, lw=1, ls="--", label="all effects")
+        panel.axvline(none, color=alone_colour, lw=1, ls="--", label="none of them")
         shares = ("" if p.share is None else f" ({100 * p.share:z.1f} %)" for p in parts)
         labels = [part.effect.label + share for part, share in zip(parts, shares, strict=True)]
         panel.set_yticks(range(len(labels)), labels)
