@@ -1,13 +1,13 @@
 """A digital twin of a cam-driven ball-and-plate rig, for scripts and notebooks.
 
 Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of these names do, bit
-for bit. Rigs drawn from a family: ``family``. What was recorded: ``load``, ``identify``. A rig to
-step with a controller of one's own: ``rig``; a control law out of a function: ``law``. The model
-behind it: ``model``, and the classes of ``laws``, ``observers``, ``references``; plants and
-controllers for python-control: ``systems``; a rig for Simulink and others: ``fmu``; a drive for
-simulated CAN buses: ``drive_fmu``; a controller in C for a board: ``controller_source``, as
-an FMU: ``controller_fmu``; the equations as CasADi symbols: ``symbolic``. What there is to run and
-to set: ``scenarios``, ``describe``.
+for bit. Rigs drawn from a family: ``family``. What was recorded: ``load``, ``identify``; what a run
+would tell: ``plan_experiment``. A rig to step with a controller of one's own: ``rig``; a control
+law out of a function: ``law``. The model behind it: ``model``, and the classes of ``laws``,
+``observers``, ``references``; plants and controllers for python-control: ``systems``; a rig for
+Simulink and others: ``fmu``; a drive for simulated CAN buses: ``drive_fmu``; a controller in C for
+a board: ``controller_source``, as an FMU: ``controller_fmu``; the equations as CasADi symbols:
+``symbolic``. What there is to run and to set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
 is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
@@ -39,6 +39,7 @@ from twin.run.files import Signals
 if TYPE_CHECKING:
     from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare, load
+    from ballplate.planning import Planned, plan_experiment
     from ballplate.results import Identified, Log, Result, identify
     from ballplate.rigs import Rig, controller_fmu, controller_source, drive_fmu, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
@@ -51,6 +52,7 @@ __all__ = [
     "Identified",
     "Keys",
     "Log",
+    "Planned",
     "Reporter",
     "Result",
     "Rig",
@@ -73,6 +75,7 @@ __all__ = [
     "load",
     "model",
     "observers",
+    "plan_experiment",
     "references",
     "rig",
     "run",
@@ -87,6 +90,7 @@ _LAZY_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _LAZY_NAMES = {
     "comparing": ("Comparison", "compare", "load"),
+    "planning": ("Planned", "plan_experiment"),
     "results": ("Identified", "Log", "Result", "identify"),
     "rigs": ("Rig", "controller_fmu", "controller_source", "drive_fmu", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),

@@ -16,7 +16,7 @@ from twin.base.page import Table, digits
 from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
 from twin.base.writing import check_writable, write_json
-from twin.cli import options
+from twin.cli import options, planning
 from twin.cli.output import (
     TERMINAL,
     Shown,
@@ -110,9 +110,7 @@ PARAMETERS_HELP = (
 
 
 @options.command(example="identify runs/excite")
-@click.argument(
-    "logs", type=options.PATH_TYPE, nargs=-1, required=True, shell_complete=options.runs
-)
+@click.argument("logs", type=options.PATH_TYPE, nargs=-1, shell_complete=options.runs)
 @click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS_HELP)
 @click.option(
     "--hold-out",
@@ -127,10 +125,12 @@ PARAMETERS_HELP = (
 @click.option(
     "--on",
     metavar="RIG",
-    help="With --columns: the rig, or file of parameters, that what is found lies over.",
+    help="With --columns: the rig, or file of parameters, that what is found lies over; "
+    "with --plan the rig.",
     shell_complete=options.rigs,
 )
 @click.option("--ball-height", metavar="M", help="Metres from the plate's axis up to its centre.")
+@planning.PLAN
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/identify-LOG].")
 @options.JSON_OPTION
 def identify(
@@ -142,10 +142,14 @@ def identify(
     the scenario `excite`; with --columns one or more logs of any rig, with commands in place
     of plate angles. Of a log with other columns it shows without --columns what the log holds,
     guesses roles, and prints the command line that would use it (exit code 1). Writes report.html
-    and parameters.toml; exit code 1 if no parameter can be identified.
+    and parameters.toml; exit code 1 if no parameter can be identified. With --plan and no LOG it
+    forecasts what scenarios would tell of a rig, before anything is recorded.
     """
+    plan = planning.take_plan(logs, held, out, how)
     if how["columns"] is None:
         choose_parameters(names)  # a wrong name is reported before anything heavy is imported
+    if plan is not None:
+        return planning.show_plan(plan, names, how["on"])
     files = [log_file(log) for log in logs]
     if how["columns"] is None and not is_record(files[0]):
         from twin.identify.logs import has_known_columns, open_content

@@ -1,0 +1,111 @@
+"""`identify --plan`: what a motion will tell of a rig, before anything is recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twin.base.errors import ScenarioError
+from twin.cli import options
+from twin.cli.output import TERMINAL, Shown, bold, show
+
+OWN_OPTIONS = {
+    "plan": "--plan",
+    "seconds": "--seconds",
+    "scenarios": "--scenario",
+    "rigs": "--rigs",
+}
+"""Options of a plan by the names of their values."""
+
+
+def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
+    """The options of ``identify --plan``."""
+    for option in (
+        click.option("--rigs", type=int, help="With --plan: rigs drawn of what is unknown [4]."),
+        click.option(
+            "--scenario",
+            "scenarios",
+            multiple=True,
+            metavar="SCENARIO",
+            shell_complete=options.scenarios,
+            help="With --plan: a motion to forecast [excite, circle, sine].",
+        ),
+        click.option("--seconds", type=float, help="With --plan: length of the run [40]."),
+        click.option("--plan", is_flag=True, help="Forecast what a run would tell; takes no LOG."),
+    ):
+        command = option(command)
+    return command
+
+
+def take_plan(
+    logs: Sequence[Path], held: Sequence[str], out: Path | None, how: dict[str, Any]
+) -> dict[str, Any] | None:
+    """The options of a plan, taken out of those of the command; None if none is wanted.
+
+    Args:
+        logs: The logs given.
+        held: What is to be held out.
+        out: Folder of the report.
+        how: All further options by name; those of a plan are removed.
+
+    Raises:
+        ScenarioError: If options are given that do not go together.
+    """
+    given = {name: how.pop(name) for name in OWN_OPTIONS}
+    if not given.pop("plan"):
+        for name, option in OWN_OPTIONS.items():
+            if given.get(name) not in (None, ()):
+                raise ScenarioError(f"{option}: with --plan only")
+        if not logs:
+            raise ScenarioError("LOG: give a log, or --plan to forecast what one would tell")
+        return None
+    if logs:
+        raise ScenarioError(f"{logs[0]}: --plan takes no LOG: it forecasts what one would tell")
+    for name in ("columns", "separator", "ball", "ball_height"):
+        if how[name] is not None:
+            raise ScenarioError(f"--{name.replace('_', '-')}: not with --plan")
+    if out is not None:
+        raise ScenarioError("--out: not with --plan, which prints its forecast")
+    plan = {name: value for name, value in given.items() if value is not None}
+    if held:
+        try:
+            (plan["hold_out"],) = map(float, held)
+        except ValueError:
+            raise ScenarioError("--hold-out: with --plan give one share, as 0.3") from None
+    return plan
+
+
+def show_plan(plan: dict[str, Any], names: str | None, on: str | None) -> int:
+    """Print the forecasts; the exit code is 1 if no parameter will be identified.
+
+    Args:
+        plan: Arguments of ``plan_experiment`` by name.
+        names: The parameters, a comma-separated list; None for the usual ones.
+        on: The rig; None for the thesis's rig.
+    """
+    from ballplate.planning import plan_experiment
+    from twin.identify.verdicts import IDENTIFIED_VERDICT
+
+    done = plan_experiment(parameters=names or (), on=on, reporter=TERMINAL, **plan)
+    show(done.as_dict(), _describe(done))
+    best = (each for rig in done.best.every for each in rig.verdicts)
+    return int(all(each.word != IDENTIFIED_VERDICT for each in best))
+
+
+def _describe(done: Any) -> Iterator[Shown]:
+    for forecast in done.forecasts:
+        if forecast.rows:
+            yield forecast.table
+        else:
+            yield bold(forecast.table.title)
+        yield from forecast.sentences()
+    if len(done.forecasts) > 1:
+        ranks = ", ".join(f"{each.scenario} {each.score:.2g}" for each in done.forecasts)
+        yield bold(f"{done.best.scenario} tells most.")
+        yield (
+            f"Half width over the one that counts as identified, mean of all parameters and rigs: "
+            f"{ranks}."
+        )
