@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import ScenarioError, TwinError, extra
+from twin.base.errors import ScenarioError, TwinError
 from twin.base.followers import PARTS
+from twin.base.parts import extra
 from twin.fmu.export import (
     RIG_SOURCES,
     add_token,
