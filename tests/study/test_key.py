@@ -79,7 +79,7 @@ BESIDE = {
     "scenario/__init__",
     "scenario/describe",
 }
-"""Modules of ``twin`` that find, read, refuse and write files or packages, and words of comments."""
+"""Modules of ``twin`` that find, read, refuse and write files, and words of comments."""
 
 
 def test_all_that_a_run_imports_is_in_the_key_but_what_reads_its_files():
