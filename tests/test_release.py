@@ -45,9 +45,9 @@ def test_a_requirement_that_is_not_listed_as_the_core_expects_it_is_not_left_out
         build.as_core(TEXT.replace('"pandas>=3.1"', '"polars>=1"', 1))
 
 
-def test_the_version_stands_in_one_place_and_is_cited_as_it_is():
-    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
-    assert f"version: {PROJECT['version']}" in cited
+def test_the_version_stands_in_no_module_and_heads_the_changes():
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()
+    assert next(each for each in changes if each.startswith("## ")).split()[1] == PROJECT["version"]
     code = [*(ROOT / "src").rglob("*.py"), *(ROOT / "controllers").rglob("*.py")]
     assert not [each for each in code if f'"{PROJECT["version"]}"' in each.read_text("utf-8")]
 

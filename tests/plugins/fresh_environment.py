@@ -26,11 +26,6 @@ def pins_in(place):
     return pins
 
 
-def clean_variables(place):
-    """Variables of a process that knows nothing of this checkout."""
-    return {"PATH": os.environ["PATH"], "HOME": str(place)}
-
-
 def installed(place, interpreter, *packages):
     """Programs of a fresh environment with some packages at their pins, and variables for them."""
     environment = place / "environment"
@@ -38,7 +33,7 @@ def installed(place, interpreter, *packages):
     programs = environment / "bin"
     pins = pins_in(place)
     call(UV, "pip", "install", "--python", programs / "python", "--constraint", pins, *packages)
-    return programs, clean_variables(place)
+    return programs, {"PATH": os.environ["PATH"], "HOME": str(place)}
 
 
 def here(version):

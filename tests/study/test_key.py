@@ -45,7 +45,7 @@ def test_what_a_run_executes_is_in_the_key(key, parts):
     assert key(changed=source(*parts)) != key()
 
 
-@pytest.mark.parametrize("library", ["mujoco", "numpy", "scipy", "control"])
+@pytest.mark.parametrize("library", ["mujoco-core", "numpy", "scipy", "control"])
 def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
     assert key(version=library) != key()
 
@@ -70,9 +70,11 @@ BESIDE = {
     "base/data_file",
     "base/errors",
     "base/foreign",
+    "base/parts",
     "base/shipped",
     "base/validation",
     "base/writing",
+    "installation",
     "run/files",
     "scenario/__init__",
     "scenario/describe",

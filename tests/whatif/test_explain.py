@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 from twin.base.data_file import read_toml
 from twin.cli.understand import explain as command
+from twin.run import picture
 from twin.scenario import Scenario, load
 from twin.scenario.load import clean as cleaned
 from twin.whatif import attribution
@@ -228,7 +229,7 @@ def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
 def test_where_every_run_with_an_effect_fell_the_picture_says_so_below_a_whole_title(
     clean, tmp_path, monkeypatch
 ):
-    drawn, seen = attribution.styled_figure, []
+    drawn, seen = picture.styled_figure, []
 
     @contextmanager
     def kept(*size):
@@ -236,7 +237,7 @@ def test_where_every_run_with_an_effect_fell_the_picture_says_so_below_a_whole_t
             seen.append(figure)
             yield figure
 
-    monkeypatch.setattr(attribution, "styled_figure", kept)
+    monkeypatch.setattr(picture, "styled_figure", kept)
     scenario = apply_overrides(
         clean, [{"plant.friction.rolling_mm": 0.2, "title": "a long title " * 12}]
     )
