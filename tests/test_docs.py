@@ -255,6 +255,33 @@ def test_cycles_of_a_processor_are_those_of_its_manual():
         board.cycles([0, 2, 4], known)
 
 
+RETURNING = re.compile(
+    r"\b(?:told|judge[ds]?|beside|whoever|wished|laid|anew)\b|\bfrom which on\b"
+    r"|\bwhat\b[^.,;:|]{0,40}\b(?:makes?|tells?|says?|said|did|knows?|becomes?|is|was) of\b",
+    re.IGNORECASE,
+)
+"""Words and a turn of phrase that came back into the pages; CONTRIBUTING.md has plain ones."""
+STAYS = {
+    "CONTRIBUTING.md": "its table lists the words",
+    "fault-matrix.md": "texts of conditions and of causes, which tables of the program give",
+    "safety.md": "names of conditions, which tables of the program give",
+    "settings-followers.md": "reasons that the program gives",
+}
+
+
+def written_words(page):
+    """The prose of a page: without code, places of a template, and targets of links."""
+    text = page.read_text(encoding="utf-8")
+    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"`[^`]*`|\{\{.*?\}\}|\{%.*?%\}|\]\([^)]*\)", "", text)
+
+
+def test_words_that_have_a_plain_one_stand_on_no_page_without_a_reason():
+    pages = {page.name: RETURNING.findall(written_words(page)) for page in PAGES}
+    assert {name: found for name, found in pages.items() if found and name not in STAYS} == {}
+    assert STAYS.keys() <= {name for name, found in pages.items() if found}
+
+
 def test_every_note_of_a_change_becomes_a_part_of_the_changelog():
     notes = ROOT / "docs" / "changes"
     kinds = "added|changed|fixed|removed"
