@@ -6,8 +6,8 @@
 # direction in which the goal moves, each along and across. So few numbers need neither gradient nor
 # network: a search that ranks policies by their reward finds them in a few hundred episodes.
 # Everything uses `gymnasium.make_vec("ballplate.gym:ballplate/Track-v0")`: the policies of all
-# learning seeds are rigs of one vector environment, and the search maximises its reward. It needs the
-# extra `gym`, and `pip install cmaes`.
+# learning seeds are rigs of one vector environment, and the search maximises its reward. It needs
+# the extra `gym`, and `pip install cmaes`.
 
 # %%
 from pathlib import Path
@@ -114,12 +114,13 @@ half = student.ppf(0.975, SEEDS - 1) * curve.std(axis=0, ddof=1) / np.sqrt(SEEDS
 text = f"""
 ![Tracking error over episodes](learning.png)
 
-Tracking error in the episodes of learning: {alone.mean():.2f} % with the law alone, and with the mean
-policies after the last generation {mean[-1]:.2f} % +- {half[-1]:.2f} % (95 % interval of the mean of
-{SEEDS} learning seeds, each generation on new noise). This holds for one circle on one nominal rig.
+Tracking error in the episodes of learning: {alone.mean():.2f} % with the law alone, and with the
+mean policies after the last generation {mean[-1]:.2f} % +- {half[-1]:.2f} % (95 % interval of the
+mean of {SEEDS} learning seeds, each generation on new noise). This holds for one circle on one
+nominal rig.
 
-The table shows the shipped circle with its physics step and indicator, on new noise, and rigs of the
-family `uncertain`, which are new to the learned policies, too.
+The table shows the shipped circle with its physics step and indicator, on new noise, and rigs of
+the family `uncertain`, which are new to the learned policies, too.
 
 {markdown(heads, rows)}
 Budget: {SEEDS} learning seeds, {GENERATIONS} generations of {POLICIES} episodes of {DURATION:g} s

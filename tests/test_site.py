@@ -15,13 +15,14 @@ CHROMIUM = Path("/usr/bin/chromium")
 INDEX = (build.HERE / "index.md").read_text(encoding="utf-8")
 
 
-def test_the_menu_has_eight_entries_and_a_list_of_one_page_is_that_page():
+def test_the_menu_has_eight_entries_each_a_page_of_a_list():
     pages = build.sections(INDEX)
     menu = pages["index.md"].partition("```{toctree}")[2]
     entries = [line for line in menu.splitlines() if line.endswith(">")]
     assert len(entries) == 8
-    assert "Teach a class <labs.md>" in entries
-    assert "teach-a-class.md" not in pages
+    assert "Teach a class <teach-a-class.md>" in entries
+    assert "(labs.md)" in pages["teach-a-class.md"]
+    assert build.sections("# A\n\n## B\n\n- [C](c.md)\n").keys() == {"index.md"}
     assert "[Every command](reference-commands.md)" in pages["reference.md"]
 
 
