@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,9 +13,11 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
+from twin.base.page import digits
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
+from twin.identify.corrections import Correction, find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
-from twin.identify.first_look import FirstLook, look_first
+from twin.identify.first_look import FirstLook, look_first, look_plainly_in_several_ways
 from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
@@ -32,22 +35,24 @@ from twin.identify.plain_model import (
     profile_drives,
     refit_for_prediction,
 )
+from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import (
     BOUNDED_VERDICT,
     GIVEN_VERDICT,
     IDENTIFIED_VERDICT,
     MAX_CORRELATION,
     NOT_IDENTIFIABLE,
+    PLAIN_VERDICT,
     Identification,
     ParameterVerdict,
     Predicted,
     corner_frequency,
     score,
 )
-from twin.identify.windows import usual_free_time
+from twin.identify.windows import spans, usual_free_time
 
-AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
-"""The axes, and the sign that makes a level along them a tilt of the base."""
+PLAIN_WHY = "by the plain linear model, as the full one does not show the gain"
+"""Reason of a verdict of the plain model."""
 LEVER_HELD_MESSAGE = "held: the given height and 2/3 of a hollow, 2/5 of a solid ball's radius"
 """Message for a lever that is computed from the given height."""
 
@@ -58,6 +63,7 @@ class AxisSelection:
 
     Attributes:
         window_s: Length of the windows.
+        min_windows: Smallest number of windows of this length; with fewer they are shorter.
         least_window_s: The same of a ball that rolls from one end stop to the next.
         shorter_window_shares: Lengths of the windows of further fits, as shares of it: a model
             error shows as a different value there.
@@ -79,6 +85,7 @@ class AxisSelection:
     """
 
     window_s: float = 2.5
+    min_windows: int = 3
     least_window_s: float = 0.3
     shorter_window_shares: tuple[float, ...] = (0.5, 0.32)
     optional_parameters: tuple[str, ...] = ("camber", "viscous")
@@ -95,6 +102,8 @@ class AxisSelection:
 
 
 AXIS_SELECTION = AxisSelection()
+DELAYS_S = {True: (0.0, 0.5), False: (-0.1, 0.5)}
+"""Smallest and largest dead time of commands, and of angles that are measured."""
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
 """Processor time of the fit of an axis in s, and the same for each second of its log."""
 SLOWEST_RATIO = 4
@@ -140,7 +149,7 @@ class AxisIdentification(Identification):
             lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as given"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
-        turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS]
+        turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS.items()]
         if gain and not any(map(_is_other_scale, turned)):
             errors = ", ".join(f"{100 * (each - 1):.6g}" for each in turned)
             lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
@@ -159,7 +168,10 @@ class AxisIdentification(Identification):
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
         if level := known.get("level"):
-            tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in AXIS_SIGNS]
+            tilts = [
+                math.degrees(sign * level.get(axis, 0.0) / push)
+                for axis, sign in AXIS_SIGNS.items()
+            ]
             lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
         return lines
 
@@ -203,25 +215,48 @@ def identify_axes(
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
     first = logs[0]
-    parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
-    known = [part[0] for part in parts]
-    others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
-    joined = {
-        axis: _join_logs([part[axis] for part in known], levers.get(axis), selection)
-        for axis in first.unit
-    }
+
+    def part_and_join() -> tuple[list[dict[str, AxisLog]], dict[str, AxisLog]]:
+        parts = [
+            _split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
+        ]
+        return parts, {
+            axis: _join_logs([part[axis] for part in parts], levers.get(axis), selection)
+            for axis in first.unit
+        }
+
+    known, joined = part_and_join()
     say(_describe_work(joined, first.source))
     looks = {axis: look_first(log) for axis, log in joined.items()}
-    for axis, log in list(joined.items()):
-        if look := looks[axis]:
+    for axis, look in looks.items():
+        if look:
             say(look.describe(axis, first.unit[axis]))
-            joined[axis] = replace(log, stops=find_end_stops(log, look))
-            notes += describe_stops(axis, joined[axis])
+    for suspicion in describe_suspicions(joined, first.unit, looks, factor):
+        say(f"warning: {suspicion}")
+        notes.append(suspicion)
+    joined = _find_stops(joined, looks)
+    correction = _find_correction(joined, looks, first.unit, selection)
+    if correction.notes:
+        notes += correction.notes
+        for note in correction.notes:
+            say(f"warning: {note}")
+        logs = [correction.apply(log) for log in logs]
+        held = held if isinstance(held, float) else [correction.apply(log) for log in held]
+        known, joined = part_and_join()
+        looks = {axis: look_first(log) for axis, log in joined.items()}
+        joined = _find_stops(joined, looks)
+    for axis, log in joined.items():
+        notes += describe_stops(axis, log)
+    others = (
+        [_split_axes(log, held)[1] for log in logs]
+        if isinstance(held, float)
+        else [log.axes for log in held]
+    )
     fits, found, reasons, remarks_on_fits = _fit_axes(
         joined, first.unit, looks, names, selection, progress
     )
     notes += remarks_on_fits
-    if not fits:
+    if not any(each.value is not None for each in found):
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
     tried = _predict_held_out(fits, others, levers, selection)
@@ -233,6 +268,7 @@ def identify_axes(
     remarks = [
         _describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad"
     ]
+    notes += _describe_lags([each for each in found if first.axes[each.name[-1]].held])
     progress(1.0, "")
     return AxisIdentification(
         source=first.source,
@@ -248,6 +284,35 @@ def identify_axes(
         on=str(on or ""),
         how=selection.fitting.hold_out,
     )
+
+
+def _find_stops(
+    logs: Mapping[str, AxisLog], looks: Mapping[str, FirstLook | None]
+) -> dict[str, AxisLog]:
+    """The logs of the axes with their end stops, by first looks at them."""
+    found = {}
+    for axis, log in logs.items():
+        look = looks[axis]
+        found[axis] = replace(log, stops=find_end_stops(log, look)) if look else log
+    return found
+
+
+def _find_correction(
+    logs: Mapping[str, AxisLog],
+    looks: Mapping[str, FirstLook | None],
+    units: Mapping[str, str],
+    selection: AxisSelection,
+) -> Correction:
+    """What a fit of the usual parameters leaves of clock, other axis and a gain that bends."""
+    fits = {}
+    for axis, log in logs.items():
+        with suppress(LogError):
+            _check_excited(log)
+            each = _fit_between_stops(log, selection)
+            names = (*(n for n in SMOOTH_PARAMETERS if log.held or n != "lag"), "friction")
+            delays = DELAYS_S[log.held]
+            fits[axis] = fit_axis(log, names, each.window_s, delays, each.fitting, looks[axis])
+    return find_correction(fits, units)
 
 
 def _fit_axes(
@@ -287,16 +352,22 @@ def _fit_axes(
             )
         except LogError as error:
             reasons.append(f"{axis}: {error}")
-            found += [
+            unknown = [
                 ParameterVerdict(
                     about=_about(name, units[axis]), name=f"{name}_{axis}", why=str(error)
                 )
                 for name in (*SMOOTH_PARAMETERS, "friction")
             ]
+            verdicts, plain_notes = assess_plainly(log, axis, units[axis], unknown)
+            found += verdicts
+            notes += plain_notes
             continue
         notes += [f"{axis}: {each}" for each in about]
         fits[axis] = fit
-        found += _assess_axis(fit, axis, units[axis], selection)
+        verdicts = _assess_axis(fit, axis, units[axis], selection)
+        verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)
+        found += verdicts
+        notes += plain_notes
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
     return fits, found, reasons, notes
@@ -346,7 +417,7 @@ def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
         gain: Verdict of its gain, m/s^2 per rad.
         factor: Share of gravity that accelerates the ball.
     """
-    sign, push = dict(AXIS_SIGNS)[axis], factor * BallPlate().gravity
+    sign, push = AXIS_SIGNS[axis], factor * BallPlate().gravity
     if gain.word != IDENTIFIED_VERDICT or gain.value is None:
         known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
         return (
@@ -407,8 +478,11 @@ def _join_logs(
 
 
 def _fit_between_stops(log: AxisLog, selection: AxisSelection) -> AxisSelection:
-    """Constants with windows as long as the ball usually rolls from one end stop to the next."""
-    if log.stops is None:
+    """Constants with windows as long as the ball usually rolls without touching an end stop.
+
+    Or as long as the ball is seen without a gap, where that is shorter.
+    """
+    if log.stops is None and len(spans(log, selection.window_s)[0]) >= selection.min_windows:
         return selection
     longest = min(max(usual_free_time(log), selection.least_window_s), selection.window_s)
     search = selection.fitting.search
@@ -451,7 +525,7 @@ def _select_model(
         *(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"),
         *(requested or ("friction",)),
     )
-    delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
+    delays = DELAYS_S[log.held]
     advance(0.0, "windows from no first guess")
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
     fits = [fit_axis(each, chosen, longest, delays, fitting, look) for each in ways]
@@ -611,7 +685,7 @@ def _assess_axis(
     }
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     swing = fit.problem.tilt.scale
-    scales = {"gain": 1 / swing, "dead_band": swing, "play": swing}
+    scales = {"gain": 1 / swing, "dead_band": swing, "play": 2 * swing}
     found: list[ParameterVerdict] = []
     for k, name in enumerate(rows):
         others = [
@@ -657,7 +731,8 @@ def _bound_hidden(
     """
     probability, swing = selection.bound_probability, fit.problem.tilt.scale
     least, most = np.quantile(moved, (1 - probability, probability)).tolist()
-    by, about = swing if name in {"dead_band", "play"} else 1.0, PLAIN_PARAMETERS[name]
+    by = {"dead_band": swing, "play": 2 * swing}.get(name, 1.0)
+    about = PLAIN_PARAMETERS[name]
     none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not distinguishable from zero")
     if (value := dict(fit.rivals).get(name)) is not None:
         most = max(most, (1 + about.relative) * value)
@@ -673,6 +748,84 @@ def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
         swing / end if end else None for end in (found.high, found.value, found.low)
     )
     return replace(found, low=low, value=value, high=high)
+
+
+def _describe_lags(verdicts: Sequence[ParameterVerdict]) -> list[str]:
+    """Notes on delays that a scenario has not: of a filter, and different ones of the axes."""
+    known = {each.name: each for each in verdicts if each.word == IDENTIFIED_VERDICT}
+    notes = []
+    if {"lag_x", "lag_y", "delay_x", "delay_y"} & known.keys():
+        notes.append(
+            "a lag is that of the drives or of a filter of the positions: a log of commands cannot "
+            "tell which, and parameters.toml gives it to the drives"
+        )
+    x, y = (known.get(f"delay_{axis}") for axis in "xy")
+    if x and y and (max(x.low or 0, y.low or 0) > min(x.high or 0, y.high or 0)):
+        notes.append(
+            f"dead time + lag differ along x ({digits(x.value)} s) and y ({digits(y.value)} s): a "
+            "scenario has one of each, and parameters.toml has their means"
+        )
+    return notes
+
+
+def assess_plainly(
+    log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
+) -> tuple[list[ParameterVerdict], list[str]]:
+    """Verdicts with those of the plain linear model where the full one does not show the gain.
+
+    Their intervals hold what windows of several lengths give, with damping and without: as far as
+    these differ, the plain model is in error.
+
+    Args:
+        log: The axis.
+        axis: x or y.
+        unit: Unit of the tilt.
+        verdicts: Of the full model.
+
+    Returns:
+        All verdicts, and a note on what was done.
+    """
+    words = {each.name: each.word for each in verdicts}
+    looks = look_plainly_in_several_ways(log)
+    if words[f"gain_{axis}"] == IDENTIFIED_VERDICT or not looks:
+        return list(verdicts), []
+    first, found = looks[0], {}
+    attributes = {"gain": "gain", "delay": "delay", "level": "level"}
+    if first.damping:
+        attributes["viscous"] = "damping"
+    for name, attribute in attributes.items():
+        spans = [
+            (value - 2 * std, value + 2 * std)
+            for value, std in (
+                (getattr(each, attribute), getattr(each, f"{attribute}_std")) for each in looks
+            )
+        ]
+        low, high = min(each[0] for each in spans), max(each[1] for each in spans)
+        about, value = _about(name, unit), getattr(first, attribute)
+        narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
+        found[name] = ParameterVerdict(
+            about=about,
+            name=f"{name}_{axis}",
+            value=value,
+            low=low,
+            high=high,
+            word=IDENTIFIED_VERDICT if narrow else PLAIN_VERDICT,
+            why=PLAIN_WHY,
+        )
+    kept = [
+        replace(each, value=None, word=NOT_IDENTIFIABLE, why=f"{PLAIN_WHY}; {each.why}")
+        for each in verdicts
+        if each.name.rpartition("_")[0] not in found and each.word != GIVEN_VERDICT
+    ]
+    given = [each for each in verdicts if each.word == GIVEN_VERDICT]
+    share = 100 * first.explained
+    note = (
+        f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, level "
+        f"and damping are those of a plain linear model by the weak form, which explains "
+        f"{share:.0f} % of the motion in {first.windows} windows; dead time from lag, friction "
+        "from damping, and play or dead band are not told apart"
+    )
+    return [*found.values(), *kept, *given], [note]
 
 
 def _append_total_delay(fit: AxisFit) -> Estimate:

@@ -333,6 +333,20 @@ class AxisLog:
         since = self.sampled - begin[:, None]
         return self._where(np.asarray(((since < 0) | (since >= seconds)).all(axis=0)))
 
+    def tilt_at(self, time: Array) -> Array:
+        """The tilt at times in s."""
+        if not self.held:
+            return np.interp(time, self.time, self.tilt)
+        return self.tilt[np.maximum(np.searchsorted(self.time, time, "right") - 1, 0)]
+
+    def with_clock(self, drift: float) -> AxisLog:
+        """This log with the clock of its samples slowed down, which is faster by a share."""
+        first = self.time[0]
+        sampled, at = (
+            first + (each - first) / (1 + drift) for each in (self.sampled, self.across[0])
+        )
+        return replace(self, sampled=sampled, across=np.stack((at, self.across[1])))
+
     def _where(self, there: Mask) -> AxisLog:
         return replace(self, sampled=self.sampled[there], ball=self.ball[there])
 
