@@ -1,9 +1,9 @@
 """The board of `firmware/firmware.c` as hardware of one's own: servos, and a camera of its own.
 
-Either this computer computes and sends the board plate angles, or it sends the position of the ball
-(`computes`), and the board moves the plate by the controller that was compiled into it. A board that
-computes reports where it takes the plate to be, which is then recorded as measured; the controller
-on this computer runs along, is recorded, and commands nothing.
+Either this computer computes and sends plate angles to the board, or it sends where the ball is
+(`computes`), and the controller in the board's firmware moves the plate. A board that computes
+reports where it takes the plate to be, which is then recorded as measured; the controller on this
+computer runs along, is recorded, and commands nothing.
 """
 
 import binascii
