@@ -266,7 +266,7 @@ def main() -> None:
         good=sum(row.good for row in rows),
         number=len(rows),
         plain=size_of(build_firmware(EMULATED.FIRMWARE)),
-        laws=map(computed, LAWS),
+        laws=[computed(law) for law in LAWS],
         flash=FLASH_BYTES,
         ram=RAM_BYTES,
     )
