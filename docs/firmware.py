@@ -21,7 +21,7 @@ from controllers.arrays import Array
 from docs import own_faults
 from docs.own_faults import CONFIG, LIMITS, PERIOD, WATCHDOG, Rig, Row, sets
 from docs.pages import HERE, filled, write
-from docs.safety import FAULT_HEADINGS, row_cells
+from docs.safety import row_cells
 from twin.board.program import NAME
 from twin.board.source import sources
 from twin.devices import own
@@ -38,7 +38,7 @@ from twin.emulator.avr import (
 )
 from twin.hal.cams import FixedRatio
 from twin.run.assemble import control_of
-from twin.safety.trial import FaultRow
+from twin.safety.trial import FAULT_HEADINGS, FaultRow
 from twin.scenario.load import load
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "board"
@@ -203,14 +203,14 @@ class Computed(NamedTuple):
 
     Attributes:
         law: Its name.
-        errors: Tracking error in % of a run on the twin, on the emulated board with this computer
-            computing, and with the board computing.
+        errors: Tracking error of a run on the twin, on the emulated board with this computer
+            computing, and with the board computing; how a run ended that did not finish.
         size: Memory of the firmware with the law.
         step_ms: Median and longest computing time of a period, ms.
     """
 
     law: str
-    errors: tuple[float, float, float]
+    errors: list[str]
     size: Size
     step_ms: tuple[float, float]
 
@@ -249,11 +249,15 @@ def computed(law: str) -> Computed:
         rig.write_text(text.replace('controller = "controller"', f'controller = "{name}"'))
         rigs = (None, str(EXAMPLE / "emulated.toml"), str(rig))
         runs = [bp.run(scenario, on=each) for each in rigs]
-        errors = [each.metrics["tracking_error_percent"] for each in runs]
+        errors = [
+            f"{each.metrics['tracking_error_percent']:.1f} %"
+            if each.outcome == "finished"
+            else each.outcome
+            for each in runs
+        ]
         steps = step_times(folder)
         size = size_of(build_firmware(EMULATED.FIRMWARE, folder))
-    first, second, third = errors
-    return Computed(law, (first, second, third), size, (float(np.median(steps)), max(steps)))
+    return Computed(law, errors, size, (float(np.median(steps)), max(steps)))
 
 
 def main() -> None:
@@ -266,7 +270,7 @@ def main() -> None:
         good=sum(row.good for row in rows),
         number=len(rows),
         plain=size_of(build_firmware(EMULATED.FIRMWARE)),
-        laws=map(computed, LAWS),
+        laws=[computed(law) for law in LAWS],
         flash=FLASH_BYTES,
         ram=RAM_BYTES,
     )

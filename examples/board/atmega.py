@@ -1,9 +1,9 @@
 """The board of `firmware/firmware.c` as hardware of one's own: servos, and a camera of its own.
 
-Either this computer computes and sends the board plate angles, or it sends the position of the ball
-(`computes`), and the board moves the plate by the controller that was compiled into it. A board that
-computes reports where it takes the plate to be, which is then recorded as measured; the controller
-on this computer runs along, is recorded, and commands nothing.
+Either this computer computes and sends plate angles to the board, or it sends where the ball is
+(`computes`), and the controller in the board's firmware moves the plate. A board that computes
+reports where it takes the plate to be, which is then recorded as measured; the controller on this
+computer runs along, is recorded, and commands nothing.
 """
 
 import binascii
@@ -23,7 +23,8 @@ FRAME_START = 0xB5
 MAX_CONTENT_BYTES = 32
 UNIT_RAD, UNIT_M = 1e-5, 1e-5
 PULSE_TICK_US = 0.5
-ANSWER_TIMEOUT_S = 4.0  # an Arduino that is reset by opening its port needs 2 s to begin
+BOOTLOADER_S = 2.5  # opening its port resets an Arduino, whose bootloader then listens for a while
+ANSWER_TIMEOUT_S = 4.0
 STATUS_TIMEOUT_S = 0.25
 LEVELLED = {
     4: "heard nothing of this computer for a while",
@@ -118,15 +119,17 @@ class Board(Hardware):
     def start(self) -> None:
         """Open the port, and bring the plate level."""
         self.line = self.open_port()
-        self.buffer, self.answer = bytearray(), b""
-        until = self.time() + ANSWER_TIMEOUT_S
+        self.buffer, self.answer, self.status = bytearray(), b"", None
+        begin = self.time()
+        until = begin + ANSWER_TIMEOUT_S
         while not self.answer:
             if self.time() > until:
                 raise OSError(
                     f"{self.port}: no answer from the board within {ANSWER_TIMEOUT_S:g} s; is it "
                     "the right port, and flashed?"
                 )
-            self.send(b"L")
+            if self.status or self.time() > begin + BOOTLOADER_S:
+                self.send(b"L")
             self.wait(0.05)
             self.receive()
         _, _, _, version, control = self.answer

@@ -62,7 +62,8 @@ class TwinCamera:
         """The newest picture."""
         seen = self.board.plate.camera()
         x, y = seen.position[0].tolist() if seen.touched[0] else (math.nan, math.nan)
-        return Reading(x, y, self.board.now - float(seen.age[0]))
+        now = self.board.now - self.board.owed  # up to where the plate has gone
+        return Reading(x, y, now - float(seen.age[0]))
 
     def stop(self) -> None:
         """Nothing to close."""

@@ -224,11 +224,15 @@ def test_the_firmware_fits_and_one_that_does_not_is_refused_in_a_line(tmp_path):
     size = size_of(build_firmware(FIRMWARE))
     assert 2000 < size.flash_bytes < FLASH_BYTES / 4
     assert 150 < size.ram_bytes < RAM_BYTES / 4
-    (tmp_path / "firmware.c").write_text(
-        "#include <avr/io.h>\nchar big[1700]; int main(void) { big[PINB] = 1; return 0; }"
-    )
-    with pytest.raises(RigError, match=r"needs 21\d\d bytes of RAM, an ATmega328P has 2048"):
-        build_firmware(tmp_path)
+    text = "#include <avr/io.h>\n{} big[{}]; int main(void) {{ return big[PINB] > 1; }}"
+    for array, why in (
+        (("volatile char", 1700), "of its RAM are 348 bytes left for a stack of 400"),
+        (("volatile const float", 1100), "a reference without a closed form is a table"),
+        (("volatile const float", 20000), "a reference without a closed form is a table"),
+    ):
+        (tmp_path / "firmware.c").write_text(text.format(*array))
+        with pytest.raises(RigError, match=f"does not fit into an ATmega328P.{{2}}{why}"):
+            build_firmware(tmp_path, None, f"SIZE={array[1]}")
     (tmp_path / "firmware.c").write_text("int main(void) { return nothing; }")
     with pytest.raises(RigError, match=r"avr-gcc: .*'nothing' undeclared"):
         build_firmware(tmp_path, None, "OTHER=1")

@@ -41,7 +41,9 @@
 #define VERSION 1
 #define FRAME_START 0xB5
 #define MAX_CONTENT 32
-#define BUFFER_BYTES 64 /* a power of two */
+#ifndef BUFFER_BYTES
+#define BUFFER_BYTES 64 /* a power of two, more than a status with its frame */
+#endif
 
 #define TICKS_PER_US (F_CPU / 8 / 1000000UL)
 #define SERVO_FRAME_US 20000UL

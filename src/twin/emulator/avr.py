@@ -8,6 +8,7 @@ of the conversation, so that every run is the same. Its servo pulses are measure
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -44,6 +45,7 @@ TICK_S = 0.002
 
 
 _NUMBERS = count()
+_UNFIT = "emulated board: the firmware does not fit into an ATmega328P"
 
 
 def missing_programs() -> list[str]:
@@ -92,16 +94,9 @@ def build_firmware(folder: Path, controller: Path | None = None, defines: str = 
         flags += ["-DBOARD_COMPUTES=1", f"-I{controller}"]
     program = Path(_folder().name) / f"firmware-{next(_NUMBERS)}.elf"
     _compile("avr-gcc", [*AVR_FLAGS, *flags], sources, ["-lm"], program)
-    size = size_of(program)
-    for what, used, most in (
-        ("flash", size.flash_bytes, FLASH_BYTES),
-        ("RAM", size.ram_bytes + STACK_BYTES, RAM_BYTES),
-    ):
-        if used > most:
-            raise RigError(
-                f"{sources[-1]}: needs {used} bytes of {what}, an ATmega328P has {most}; a "
-                "reference without a closed form is a table"
-            )
+    left = RAM_BYTES - size_of(program).ram_bytes
+    if left < STACK_BYTES:
+        raise RigError(f"{_UNFIT}: of its RAM are {left} bytes left for a stack of {STACK_BYTES}")
     return program
 
 
@@ -166,8 +161,10 @@ def _compile(
         text=True,
         check=False,
     )
+    if done.returncode and re.search(r"is too large|not within region|overflowed", done.stderr):
+        raise RigError(f"{_UNFIT}; a reference without a closed form is a table")
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "error" in line or "will not" in line]
+        lines = [line for line in done.stderr.splitlines() if "error" in line]
         why = (lines or done.stderr.splitlines() or ["no message"])[0]
         raise RigError(f"emulated board: {compiler}: {why}")
 
