@@ -22,7 +22,7 @@ class Plan(NamedTuple):
 
     Attributes:
         length: Control periods that are sampled in advance.
-        slice_length: Control periods of a slice, at the beginning of which the slowest speed is found.
+        slice_length: Control periods of a slice; the slowest speed ahead is found as it begins.
         zero: Z of ``TwoSided``, rad/s.
         decay: Its share that is left after a period.
         near: Weight of the nearer end of a line between two samples.

@@ -2,8 +2,8 @@
 
 1.  The law, the observer and the clamp are the Python code itself, run once on symbols
     (``trace``); numpy passes every function of an array of symbols to CasADi (``symbols``).
-    ``controllers.arrays.Arithmetic`` serves the clamp only, as laws and observers are written with
-    numpy: rewriting them for it would change every law and gain nothing.
+    Formulas of components calculate with the arithmetic of symbols, a third one. What a period
+    changes in an observer is its state (``state``).
 2.  The graph becomes C by ``c_code``, not by CasADi's generator; its docstring says why.
 3.  Gains and constants of the model are symbols, too, hence named tables in C with the meaning of
     their field. The designs (poles to gains, Riccati equations) run in Python.
@@ -12,11 +12,13 @@
 5.  A period that the observer corrects without a touch is a function of its own.
 6.  Reactions of the supervisor (levelling, stop) are not exported: the board's program has them.
 7.  The reference is an argument of each period; the scenario's own is exported where it has a form.
-8.  Whatever has no form is refused by ``check_exportable`` or ``sources`` in one line.
-9.  ``test_NAME.c`` replays a run of the twin, ``reference_run.csv``, through the C code.
-10. ``cortex-m4/board.c`` makes it a program that answers measurements (``protocol``), for an
+8.  The map of ``friction_map_kalman`` and the motion of ``stable_inversion`` are parts of their own
+    in C (``friction_map``, ``plan``): loops over many points, and a plan that lies ahead.
+9.  Whatever has no form is refused by ``check_exportable`` or ``sources`` in one line.
+10. ``test_NAME.c`` replays a run of the twin, ``reference_run.csv``, through the C code.
+11. ``cortex-m4/board.c`` makes it a program that answers measurements (``protocol``), for an
     emulated Cortex-M4 or this computer.
-11. No board has been flashed with it.
+12. No board has been flashed with it.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def export_fmu(
     if fmi not in FMI_SOURCES:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
     parts = controller_parts(NAME, control_of(scenario), real)
-    if reference_inputs and parts["plan"]:
+    if reference_inputs and parts["plan"] is not None:
         raise TwinError(
             f"reference_inputs: '{parts['law']}' plans ahead along the scenario's reference"
         )
