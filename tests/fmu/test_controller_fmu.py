@@ -312,6 +312,7 @@ def test_compiler_and_sanitizers_find_nothing(controllers, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.long
 def test_a_law_that_plans_ahead_has_no_reference_as_inputs(tmp_path):
     keys = {"plant.kind": "lagrange"}
     with pytest.raises(bp.TwinError, match="'stable_inversion' plans ahead along the scenario's"):
