@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ballplate.changes import changes_of, scenario_of
+from controllers.stable_inversion import StableInversion
 from docs.pages import HERE, filled, kept, write
 from twin.board.footprint import measure_footprint
 from twin.board.program import NAME, command_of, compile_controller, size_of
@@ -31,9 +32,18 @@ from twin.run.finished import Run, run
 from twin.scenario.schema import Board, Scenario
 from twin.study.work import code, digest
 
-FURTHER = (("afl", "kalman"), ("afl", "ekf"), ("lqr", "nonlinear_luenberger"))
+FURTHER = (
+    ("afl", "kalman"),
+    ("afl", "ekf"),
+    ("lqr", "nonlinear_luenberger"),
+    ("lqr", "friction_kalman"),
+    ("afl", "friction_map_kalman"),
+    ("stable_inversion", "friction_map_kalman"),
+)
 """Laws with observers other than the Luenberger one."""
-ROWS = (*((law.name, "luenberger") for law in LAWS), *FURTHER)
+CURES = dict(zip(FURTHER[-2:], ("cure_afl", "cure"), strict=True))
+"""Scenarios that have a law and an observer, other than the circle with their defaults."""
+ROWS = (*((law.name, "luenberger") for law in LAWS if law is not StableInversion), *FURTHER)
 PROGRAMS = (("host", "double"), ("host", "float"), ("cortex-m4", "float"))
 PERIODS_MS = (2, 5, 10)
 DURATION_S = 15.0
@@ -71,9 +81,11 @@ TEXT = Path(__file__).read_text(encoding="utf-8") + str(CYCLES)
 def scenario(law: str, observer: str, **board: Any) -> Scenario:
     """The circle under a law, its controller a program if there are settings of a board."""
     keys: dict[str, Any] = {"plant.kind": "lagrange", "duration": DURATION_S}
-    keys |= {"controller.kind": law, "observer.kind": observer}
+    name = CURES.get((law, observer), "circle")
+    if name == "circle":
+        keys |= {"controller.kind": law, "observer.kind": observer}
     keys |= {f"board.{key}": value for key, value in board.items()}
-    return scenario_of("circle", changes_of(keys, {}))
+    return scenario_of(name, changes_of(keys, {}))
 
 
 def listing(program: Path) -> dict[int, Instruction]:
@@ -153,7 +165,8 @@ def row(law: str, observer: str) -> dict[str, Any]:
     passed = executed(program, known)
     footprint = measure_footprint(NAME, sources(NAME, control, "float"))
     assert footprint is not None
-    largest = done[-1].metrics["instructions_max"]
+    first, *others = done[-1].rows["instructions"]
+    largest = max(others)
     _, most = Board().cycles_per_instruction
     return {
         "law": law,
@@ -162,6 +175,7 @@ def row(law: str, observer: str) -> dict[str, Any]:
         "errors": [error(each, python) for each in done],
         "differences": [each.metrics["command_difference"] for each in done],
         "median": done[-1].metrics["instructions_median"],
+        "first": first,
         "largest": largest,
         "double": double["instructions_median"],
         "reference": share_of_reference(passed, known),

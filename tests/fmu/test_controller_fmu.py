@@ -310,3 +310,11 @@ def test_compiler_and_sanitizers_find_nothing(controllers, tmp_path):
     subprocess.run(build, check=True)
     done = subprocess.run([tmp_path / "exercise"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.long
+def test_a_law_that_plans_ahead_has_no_reference_as_inputs(tmp_path):
+    keys = {"plant.kind": "lagrange"}
+    with pytest.raises(bp.TwinError, match="'stable_inversion' plans ahead along the scenario's"):
+        bp.controller_fmu("cure", tmp_path / "cure.fmu", keys, duration=0.1, reference_inputs=True)
+    assert not list(tmp_path.iterdir())

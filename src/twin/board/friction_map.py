@@ -142,6 +142,12 @@ class FrictionMap(NamedTuple):
     pending: int
     variances: Array
 
+    @property
+    def numbers(self) -> int:
+        """Numbers that it keeps."""
+        rows = 1 + 9 + 4 * self.pending + (6 if self.camber else 4)
+        return self.size * (self.size + 1) // 2 + rows * self.size + 9 * 9 + 6
+
 
 def map_of(observer: FrictionMapKalman) -> FrictionMap:
     """The numbers of an observer's map."""

@@ -22,7 +22,7 @@ class Plan(NamedTuple):
 
     Attributes:
         length: Control periods that are sampled in advance.
-        count: Control periods of a slice, at the beginning of which the slowest speed is found.
+        slice_length: Control periods of a slice; the slowest speed ahead is found as it begins.
         zero: Z of ``TwoSided``, rad/s.
         decay: Its share that is left after a period.
         near: Weight of the nearer end of a line between two samples.
@@ -35,7 +35,7 @@ class Plan(NamedTuple):
     """
 
     length: int
-    count: int
+    slice_length: int
     zero: float
     decay: float
     near: float
@@ -45,6 +45,11 @@ class Plan(NamedTuple):
     spread: float
     jump_m: float
     min_jump_m: float
+
+    @property
+    def numbers(self) -> int:
+        """Numbers that it keeps."""
+        return 8 * self.length + 8
 
 
 def plan_of(law: StableInversion, control: Control) -> Plan:

@@ -67,11 +67,16 @@ def export_fmu(
         Why there is no binary in it, in words; empty if there is one.
 
     Raises:
-        TwinError: If the controller has no form in C, or the file cannot be written.
+        TwinError: If the controller has no form in C, it plans ahead and is to have its reference
+            as inputs, or the file cannot be written.
     """
     if fmi not in FMI_SOURCES:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
     parts = controller_parts(NAME, control_of(scenario), real)
+    if reference_inputs and parts["plan"] is not None:
+        raise TwinError(
+            f"reference_inputs: '{parts['law']}' plans ahead along the scenario's reference"
+        )
     variables = list_variables(scenario.rig.period, reference_inputs=reference_inputs)
     given = {"period": scenario.rig.period, "reference_inputs": reference_inputs}
     written = controller_sources(parts) | read_sources(*FMI_SOURCES[fmi])
