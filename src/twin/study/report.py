@@ -565,7 +565,7 @@ def what_ran(work: Work) -> str:
         f"Scenario {study.scenario} ({', '.join(study.set) or 'as it is'}), method {study.method}: "
         f"{len(work.design)} points, {study.seeds} seeds, {len(study.compared)} variants, "
         f"{len(work.tasks)} runs. Every variant had the same points and the same noise. "
-        f"Physics step {steps} ms; docs/performance.md tells the error of 2 ms."
+        f"Physics step {steps} ms; docs/performance.md has the error of 2 ms."
     )
 
 
