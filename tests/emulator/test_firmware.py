@@ -73,7 +73,7 @@ def held(board, seconds, seen=True):
 
 def level(board):
     """Whether the plate stands level, but for its play."""
-    return np.abs(board.plate.state[2::4]).max() < firmware.own_faults.LEVEL
+    return bool(np.abs(board.plate.state[2::4]).max() < firmware.own_faults.LEVEL)
 
 
 @needs_simavr
@@ -155,6 +155,28 @@ def test_a_board_that_computes_goes_on_on_a_line_that_is_full(
     board.stop()
     board.wait(1.0)
     assert level(board)
+
+
+@needs_simavr
+@pytest.mark.long
+@pytest.mark.parametrize("percent", [-1, 1])
+@pytest.mark.parametrize("trimmed", [False, True])
+def test_a_clock_that_is_off_leaves_the_plate_level_once_it_is_trimmed(percent, trimmed):
+    neutral = 1500 + 15 * percent
+    trim = [f"NEUTRAL_US_{axis}={neutral}" for axis in ("PHI", "THETA")] if trimmed else []
+    board = ObservedBoard(clock_percent=percent, defines=trim)
+    board.start()
+    for angle in (0.1, 0.1, 0.0, 0.0):
+        for _ in range(15):
+            board.command((0.0, 0.0), (angle, -angle))
+            board.wait(SERVO_FRAME_S)
+    board.stop()
+    board.wait(1.0)
+    # 1 % of a pulse of 1500 us, with half of the play of the servos and a tick
+    off, play = 0.01 * 1500 / 1910, math.radians(0.15) + 0.5 / 1910
+    found = board.plate.state[2::4]
+    np.testing.assert_allclose(found, 0.0 if trimmed else -percent * off, atol=play)
+    assert level(board) is trimmed
 
 
 @needs_simavr
