@@ -159,6 +159,24 @@ def test_a_board_that_computes_goes_on_on_a_line_that_is_full(
 
 @needs_simavr
 @pytest.mark.long
+def test_every_run_is_the_same_also_with_lost_bytes():
+    found = []
+    for _ in range(2):
+        board = ObservedBoard(lose_percent=3)
+        board.start()
+        for k in range(100):
+            board.measure()
+            board.command((0.0, 0.0), (0.1 * math.sin(0.1 * k), 0.05))
+            board.wait(0.004)
+        found.append((np.array(board.line.trace), board.status))
+        board.stop()
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    assert found[0][1] == found[1][1]
+    assert found[0][1].invalid > 20
+
+
+@needs_simavr
+@pytest.mark.long
 @pytest.mark.parametrize("percent", [-1, 1])
 @pytest.mark.parametrize("trimmed", [False, True])
 def test_a_clock_that_is_off_leaves_the_plate_level_once_it_is_trimmed(percent, trimmed):
