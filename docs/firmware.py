@@ -8,7 +8,7 @@ executed in virtual time; faults are judged as those of `own_faults`.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -215,9 +215,9 @@ class Computed(NamedTuple):
     step_ms: tuple[float, float]
 
 
-def export(law: str, folder: Path) -> None:
+def export(law: str, folder: Path, settings: Sequence[str] = ()) -> None:
     """Write the controller of a scenario of the example, in float, into a folder."""
-    control = control_of(load(str(EXAMPLE / f"{law}.toml")))
+    control = control_of(load(str(EXAMPLE / f"{law}.toml"), settings))
     for name, text in sources(NAME, control, "float").items():
         if name in {f"{NAME}.c", f"{NAME}.h"}:
             (folder / name).write_text(text, encoding="utf-8")

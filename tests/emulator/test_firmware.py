@@ -213,6 +213,15 @@ def test_a_board_without_the_right_controller_is_refused_in_one_line(controllers
         started(tmp_path / "nowhere")
 
 
+@needs_simavr
+@pytest.mark.long
+@pytest.mark.parametrize("setting", ["observer.kind=ekf", "reference.kind=path"])
+def test_a_controller_that_is_too_large_is_refused_in_one_line(setting, tmp_path):
+    export("lqr", tmp_path, [setting])
+    with pytest.raises(RigError, match="does not fit into an ATmega328P; large are an ekf"):
+        firmware.build_firmware(firmware.EMULATED.FIRMWARE, tmp_path)
+
+
 def test_frames_are_found_between_bytes_without_sense_and_after_a_lost_byte():
     # the check value of this CRC for the digits 1 to 9, from the catalogue of CRCs, is 0x31C3
     assert BOARD.binascii.crc_hqx(b"123456789", 0) == 0x31C3
