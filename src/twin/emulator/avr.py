@@ -1,6 +1,6 @@
 """The real firmware of a board with an ATmega328P, executed by simavr, and the plate it moves.
 
-Time is virtual: the chip executes for as long as it is told, then waits. Its serial line is a
+Time is virtual: the chip executes for as long as it is asked, then waits. Its serial line is a
 pseudo-terminal, so that a host opens it as a serial port; how many bytes cross it in a time is part
 of the conversation, so that every run is the same. Its servo pulses are measured at the pins.
 """
@@ -39,7 +39,7 @@ SIMAVR_PACKAGE = "libsimavr-dev"
 FLASH_BYTES, RAM_BYTES = 32768, 2048
 """Memory of an ATmega328P."""
 LIBRARY_STACK_BYTES = 64
-"""Stack for functions of avr-libc, whose own use no compiler states."""
+"""Stack for functions of avr-libc; no compiler states it."""
 TICK_S = 0.002
 """Time in s that chip and plant take turns in."""
 
