@@ -2,13 +2,13 @@
 
 uv run python docs/firmware.py
 It needs gcc-avr, avr-libc, libsimavr-dev and gcc, and takes minutes. The firmware is the real one,
-executed in virtual time; faults are judged as those of `own_faults`.
+executed in virtual time; faults are evaluated as those of `own_faults`.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -69,7 +69,7 @@ class ObservedLine(EMULATED.LockstepLine):  # type: ignore[name-defined,misc]
         self.junk = 0
         """Bytes without sense that are sent with the next frame."""
         self.heard, self.levelled = -np.inf, False
-        """When the board was sent something last, s, and whether it was told to be level."""
+        """When the board was sent something last, s, and whether that was to level the plate."""
 
     @property
     def now(self) -> float:
@@ -105,7 +105,7 @@ class ObservedBoard(EMULATED.Emulated):  # type: ignore[name-defined,misc]
         self.plate: PulsedPlate
         super().__init__(**options)
         self.levelled = True
-        """Whether the plate had been told to be level before it was told to stop."""
+        """Whether the plate was commanded level before the stop."""
         self._before, self._angles = before, (0.0, 0.0)
         if before is not None:
             self.plate = before.plate
@@ -194,7 +194,7 @@ def switched_on(row: Row, board: ObservedBoard | None = None) -> tuple[ObservedB
 
 
 def carried_out(row: Row) -> FaultRow:
-    """A row as measured and judged."""
+    """A row as measured and evaluated."""
     return own_faults.carried_out(row, switched_on, HOST_TIMEOUT_S + SERVO_FRAME_S)
 
 
@@ -215,9 +215,9 @@ class Computed(NamedTuple):
     step_ms: tuple[float, float]
 
 
-def export(law: str, folder: Path) -> None:
+def export(law: str, folder: Path, settings: Sequence[str] = ()) -> None:
     """Write the controller of a scenario of the example, in float, into a folder."""
-    control = control_of(load(str(EXAMPLE / f"{law}.toml")))
+    control = control_of(load(str(EXAMPLE / f"{law}.toml"), settings))
     for name, text in sources(NAME, control, "float").items():
         if name in {f"{NAME}.c", f"{NAME}.h"}:
             (folder / name).write_text(text, encoding="utf-8")

@@ -161,7 +161,7 @@ class Board(Hardware):
         if self.computes:
             seen = math.isfinite(self.ball.x) and math.isfinite(self.ball.y)
             place = (limited(each if seen else 0.0, UNIT_M) for each in self.ball[:2])
-            age = min(255, max(0, round(1e3 * (self.time() - self.ball.at))))
+            age = round(min(255, max(0, 1e3 * (self.time() - self.ball.at))))
             self.send(b"B", struct.pack("<hhBB", *place, age, seen))
         else:
             self.send(b"A", struct.pack("<hh", *(limited(each, UNIT_RAD) for each in angles)))

@@ -6,6 +6,7 @@ is a pseudo-terminal, opened as the board's would be.
 
 import math
 import select
+from collections.abc import Sequence
 from pathlib import Path
 
 import serial
@@ -78,6 +79,7 @@ class Emulated(Board):
             computes.
         clock_percent: By how much its clock is too fast.
         lose_percent: Of the bytes on its line, once it runs.
+        defines: Numbers of `firmware/rig.h` in place of those there, `NEUTRAL_US_PHI=1490`.
     """
 
     def __init__(
@@ -86,11 +88,13 @@ class Emulated(Board):
         controller: str = "",
         clock_percent: float = 0.0,
         lose_percent: float = 0.0,
+        defines: Sequence[str] = (),
     ) -> None:
         super().__init__("")
         self.computes = bool(controller)
         self.camera = TwinCamera(self)
         self.controller = Path(controller).resolve() if controller else None
+        self.defines = " ".join(defines)
         self.clock_error, self.lose = clock_percent / 100, lose_percent / 100
         self.plate = PulsedPlate(load("hold", (f"parameters={parameters}",)), NEUTRAL_S, S_PER_RAD)
         self.now, self.owed = 0.0, 0.0
@@ -104,7 +108,7 @@ class Emulated(Board):
 
     def make_chip(self) -> Chip:
         """A chip that begins to execute the firmware."""
-        return Chip(build_firmware(FIRMWARE, self.controller), self.clock_error)
+        return Chip(build_firmware(FIRMWARE, self.controller, self.defines), self.clock_error)
 
     def open_port(self) -> LockstepLine:
         """Open the port of the chip."""

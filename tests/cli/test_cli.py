@@ -6,6 +6,7 @@ import io
 import json
 import re
 import shlex
+import shutil
 import time
 from collections import Counter
 from pathlib import Path
@@ -117,6 +118,7 @@ def test_progress_says_what_is_done_of_how_much(monkeypatch, terminal):
 def test_every_command_that_a_page_shows_can_be_typed(ballplate, own_laws, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where the pages' reader has made the law that they speak of
     assert ballplate("new", "law", "mine")[0] == 0
+    shutil.copytree(ROOT / "examples" / "board", tmp_path / "examples" / "board")
     for page in PAGES:
         for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
             try:

@@ -224,14 +224,15 @@ def test_the_firmware_fits_and_one_that_does_not_is_refused_in_a_line(tmp_path):
     size = size_of(build_firmware(FIRMWARE))
     assert 2000 < size.flash_bytes < FLASH_BYTES / 4
     assert 150 < size.ram_bytes < RAM_BYTES / 4
+    assert 100 < size.stack_bytes < RAM_BYTES / 4
     text = "#include <avr/io.h>\n{} big[{}]; int main(void) {{ return big[PINB] > 1; }}"
     for array, why in (
-        (("volatile char", 1700), "of its RAM are 348 bytes left for a stack of 400"),
-        (("volatile const float", 1100), "a reference without a closed form is a table"),
-        (("volatile const float", 20000), "a reference without a closed form is a table"),
+        (("volatile char", 2020), r"of its RAM 28 bytes are left for a stack of up to \d\d"),
+        (("volatile const float", 1100), "large are an ekf, and the table"),
+        (("volatile const float", 20000), "large are an ekf, and the table"),
     ):
         (tmp_path / "firmware.c").write_text(text.format(*array))
-        with pytest.raises(RigError, match=f"does not fit into an ATmega328P.{{2}}{why}"):
+        with pytest.raises(RigError, match=f"does not fit into an ATmega328P.{{1,2}}{why}"):
             build_firmware(tmp_path, None, f"SIZE={array[1]}")
     (tmp_path / "firmware.c").write_text("int main(void) { return nothing; }")
     with pytest.raises(RigError, match=r"avr-gcc: .*'nothing' undeclared"):

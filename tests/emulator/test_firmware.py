@@ -73,7 +73,7 @@ def held(board, seconds, seen=True):
 
 def level(board):
     """Whether the plate stands level, but for its play."""
-    return np.abs(board.plate.state[2::4]).max() < firmware.own_faults.LEVEL
+    return bool(np.abs(board.plate.state[2::4]).max() < firmware.own_faults.LEVEL)
 
 
 @needs_simavr
@@ -159,6 +159,46 @@ def test_a_board_that_computes_goes_on_on_a_line_that_is_full(
 
 @needs_simavr
 @pytest.mark.long
+def test_every_run_is_the_same_also_with_lost_bytes():
+    found = []
+    for _ in range(2):
+        board = ObservedBoard(lose_percent=3)
+        board.start()
+        for k in range(100):
+            board.measure()
+            board.command((0.0, 0.0), (0.1 * math.sin(0.1 * k), 0.05))
+            board.wait(0.004)
+        found.append((np.array(board.line.trace), board.status))
+        board.stop()
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    assert found[0][1] == found[1][1]
+    assert found[0][1].invalid > 20
+
+
+@needs_simavr
+@pytest.mark.long
+@pytest.mark.parametrize("percent", [-1, 1])
+@pytest.mark.parametrize("trimmed", [False, True])
+def test_a_clock_that_is_off_leaves_the_plate_level_once_it_is_trimmed(percent, trimmed):
+    neutral = 1500 + 15 * percent
+    trim = [f"NEUTRAL_US_{axis}={neutral}" for axis in ("PHI", "THETA")] if trimmed else []
+    board = ObservedBoard(clock_percent=percent, defines=trim)
+    board.start()
+    for angle in (0.1, 0.1, 0.0, 0.0):
+        for _ in range(15):
+            board.command((0.0, 0.0), (angle, -angle))
+            board.wait(SERVO_FRAME_S)
+    board.stop()
+    board.wait(1.0)
+    # 1 % of a pulse of 1500 us, with half of the play of the servos and a tick
+    off, play = 0.01 * 1500 / 1910, math.radians(0.15) + 0.5 / 1910
+    found = board.plate.state[2::4]
+    np.testing.assert_allclose(found, 0.0 if trimmed else -percent * off, atol=play)
+    assert level(board) is trimmed
+
+
+@needs_simavr
+@pytest.mark.long
 def test_a_board_without_the_right_controller_is_refused_in_one_line(controllers, tmp_path):
     board = ObservedBoard()
     board.computes = True
@@ -171,6 +211,15 @@ def test_a_board_without_the_right_controller_is_refused_in_one_line(controllers
         started(tmp_path)
     with pytest.raises(RigError, match=r"there is no .*controller\.c"):
         started(tmp_path / "nowhere")
+
+
+@needs_simavr
+@pytest.mark.long
+@pytest.mark.parametrize("setting", ["observer.kind=ekf", "reference.kind=path"])
+def test_a_controller_that_is_too_large_is_refused_in_one_line(setting, tmp_path):
+    export("lqr", tmp_path, [setting])
+    with pytest.raises(RigError, match="does not fit into an ATmega328P; large are an ekf"):
+        firmware.build_firmware(firmware.EMULATED.FIRMWARE, tmp_path)
 
 
 def test_frames_are_found_between_bytes_without_sense_and_after_a_lost_byte():

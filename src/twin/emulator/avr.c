@@ -11,7 +11,7 @@
  *                            servo pulse that has ended, width in us
  *   reset CAUSE              reset the chip; the cause is a value of MCUSR
  *   hang                     the processor executes an endless loop with interrupts off
- *   clock HZ                 let the clock have another frequency from now on
+ *   clock HZ                 change the frequency of the clock from now on
  *   lose SHARE               of the bytes on the line in both directions, from now on
  */
 #include <math.h>

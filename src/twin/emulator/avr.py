@@ -1,6 +1,6 @@
 """The real firmware of a board with an ATmega328P, executed by simavr, and the plate it moves.
 
-Time is virtual: the chip executes for as long as it is told, then waits. Its serial line is a
+Time is virtual: the chip executes for as long as it is asked, then waits. Its serial line is a
 pseudo-terminal, so that a host opens it as a serial port; how many bytes cross it in a time is part
 of the conversation, so that every run is the same. Its servo pulses are measured at the pins.
 """
@@ -30,7 +30,7 @@ from twin.scenario.schema import Scenario
 
 CLOCK_HZ = 16_000_000
 """Frequency that the firmware takes its clock to have."""
-AVR_FLAGS = ("-mmcu=atmega328p", f"-DF_CPU={CLOCK_HZ}UL", "-std=gnu99", "-Os")
+AVR_FLAGS = ("-mmcu=atmega328p", f"-DF_CPU={CLOCK_HZ}UL", "-std=gnu99", "-Os", "-fstack-usage")
 """Flags of avr-gcc for the firmware."""
 PACKAGES = {"avr-gcc": "gcc-avr avr-libc", "avr-size": "binutils-avr", "cc": "gcc libc6-dev"}
 """The packages of Debian that have a program."""
@@ -38,8 +38,8 @@ SIMAVR_HEADERS = Path("/usr/include/simavr")
 SIMAVR_PACKAGE = "libsimavr-dev"
 FLASH_BYTES, RAM_BYTES = 32768, 2048
 """Memory of an ATmega328P."""
-STACK_BYTES = 400
-"""RAM that must be left for the stack."""
+LIBRARY_STACK_BYTES = 64
+"""Stack for functions of avr-libc; no compiler states it."""
 TICK_S = 0.002
 """Time in s that chip and plant take turns in."""
 
@@ -60,10 +60,12 @@ class Size(NamedTuple):
     Attributes:
         flash_bytes: Code, constants and the first values of variables.
         ram_bytes: Variables and constants, without the stack.
+        stack_bytes: Stack at most: the sum of all its functions, none of which calls itself.
     """
 
     flash_bytes: int
     ram_bytes: int
+    stack_bytes: int
 
 
 @cache
@@ -92,11 +94,15 @@ def build_firmware(folder: Path, controller: Path | None = None, defines: str = 
     if controller is not None:
         sources.append(controller / "controller.c")
         flags += ["-DBOARD_COMPUTES=1", f"-I{controller}"]
-    program = Path(_folder().name) / f"firmware-{next(_NUMBERS)}.elf"
+    own = Path(_folder().name) / f"firmware-{next(_NUMBERS)}"
+    own.mkdir()
+    program = own / "firmware.elf"
     _compile("avr-gcc", [*AVR_FLAGS, *flags], sources, ["-lm"], program)
-    left = RAM_BYTES - size_of(program).ram_bytes
-    if left < STACK_BYTES:
-        raise RigError(f"{_UNFIT}: of its RAM are {left} bytes left for a stack of {STACK_BYTES}")
+    size = size_of(program)
+    if (left := RAM_BYTES - size.ram_bytes) < size.stack_bytes:
+        raise RigError(
+            f"{_UNFIT}: of its RAM {left} bytes are left for a stack of up to {size.stack_bytes}"
+        )
     return program
 
 
@@ -114,12 +120,17 @@ def build_emulator() -> Path:
 
 
 def size_of(firmware: Path) -> Size:
-    """The memory that a firmware needs."""
+    """The memory that a firmware of ``build_firmware`` needs."""
     said = subprocess.run(
         [_find("avr-size"), str(firmware)], capture_output=True, text=True, check=True
     )
     text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
-    return Size(text + data, data + bss)
+    functions = [
+        int(line.split("\t")[1])
+        for file in firmware.parent.glob("*.su")
+        for line in file.read_text(encoding="utf-8").splitlines()
+    ]
+    return Size(text + data, data + bss, sum(functions) + LIBRARY_STACK_BYTES)
 
 
 def _find(program: str) -> str:
@@ -153,16 +164,19 @@ def _compile(
     for each in sources:
         if not each.is_file():
             raise RigError(f"emulated board: there is no {each}")
-    command = [path, *flags, *map(str, sources), "-o", str(program), *libraries]
+    files = [str(each.resolve()) for each in sources]
     done = subprocess.run(
-        command,
+        [path, *flags, *files, "-o", str(program), *libraries],
+        cwd=program.parent,  # where the use of the stack is written
         env=os.environ | {"LC_ALL": "C"},  # messages as they are read here
         capture_output=True,
         text=True,
         check=False,
     )
     if done.returncode and re.search(r"is too large|not within region|overflowed", done.stderr):
-        raise RigError(f"{_UNFIT}; a reference without a closed form is a table")
+        raise RigError(
+            f"{_UNFIT}; large are an ekf, and the table of a reference without a closed form"
+        )
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line]
         why = (lines or done.stderr.splitlines() or ["no message"])[0]
