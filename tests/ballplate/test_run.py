@@ -305,3 +305,16 @@ def test_beside_the_twin_of_another_rig_runs_the_clean_model_of_it():
     assert 20 * clean < twin
     assert other.baseline.scenario.plant.size == other.scenario.plant.size == (0.3, 0.3)
     assert ballplate.run("circle", brief | {"plant.kind": "lagrange"}).baseline is None
+
+
+def test_faults_of_a_scenario_are_refused_where_nothing_can_have_them(tmp_path):
+    faulty = tmp_path / "faulty.toml"
+    faulty.write_text(
+        'title = "t"\nduration = 2.0\n[controller]\nkind = "lqr"\n[reference]\nkind = "setpoints"\n'
+        'points = [[0.0, 0.0, 0.0]]\n[[fault]]\nat = 1.0\nname = "sync lost"\n'
+    )
+    for attempt in (ballplate.run, ballplate.compare):
+        with pytest.raises(ballplate.TwinError, match=r"\[\[fault\]\]: only the virtual rig has"):
+            attempt(faulty)
+    with pytest.raises(ballplate.TwinError, match=r"fault\.0\.name"):
+        ballplate.run(faulty, ["fault=[{at=1.0}]"])

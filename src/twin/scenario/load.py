@@ -160,7 +160,9 @@ def clean(scenario: Scenario) -> Scenario:
         for name, table in tables_of.items()
     }
     prompt = scenario.without_computing_time
-    return prompt.model_copy(update={**tables, "predictor": None, "board": None, "change": ()})
+    return prompt.model_copy(
+        update={**tables, "predictor": None, "board": None, "change": (), "fault": ()}
+    )
 
 
 Tables = dict[str, Any]
@@ -185,9 +187,31 @@ def resolve(
 ) -> tuple[Tables, str]:
     """A scenario's tables with its parameter file and, over that, settings; and their source.
 
+    Where ``rig.plate_lag`` is then above 0, the scenario's tables ``lagging`` lie over its own:
+    what leads the ball on a plate that follows late, under parameter file and settings.
+
     Raises:
         ScenarioError: If the file cannot be read, or a key leads through a value.
     """
+    lagging = tables.get(LAGGING, {})
+    if not isinstance(lagging, Mapping):
+        raise ScenarioError(f"{source}: {LAGGING}: must be a table of tables, got {lagging!r:.40}")
+    own = {name: table for name, table in tables.items() if name != LAGGING}
+    found = _merged(own, source, settings)
+    rig = found[0].get("rig")
+    lag = rig.get("plate_lag", 0.0) if isinstance(rig, Mapping) else 0.0
+    late = isinstance(lag, int | float) and lag > 0
+    return _merged(laid_over(own, lagging), source, settings) if lagging and late else found
+
+
+LAGGING = "lagging"
+"""Tables of a scenario that lie over its own on a rig with ``rig.plate_lag``."""
+
+
+def _merged(
+    tables: Mapping[str, Any], source: str, settings: Collection[tuple[str, Any]]
+) -> tuple[Tables, str]:
+    """The tables of ``resolve`` without a choice by the plate's lag."""
     merged = put(tables, settings)
     file = merged.pop("parameters", None)
     if file is not None:
