@@ -33,7 +33,7 @@ SHOWING = (
 """The pages whose commands change scenarios."""
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 WRITTEN = {
-    "bus-node.md", "can-findings.md", "can-trace.md", "controller-fmu.md",
+    "bus-node.md", "can-findings.md", "can-trace.md", "connect.md", "controller-fmu.md",
     "explained.md", "extending.md", "fit.md", "from-matlab.md",
     "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md",
     "run.md", "see.md", "simulink.md", "solvers.md", "studies.md", "thesis.md", "tune.md",

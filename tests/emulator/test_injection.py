@@ -1,6 +1,8 @@
 """Tests of `twin.emulator.injection`."""
 
+import re
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -23,6 +25,13 @@ def test_faults_come_in_the_order_of_their_times():
 def test_every_name_stands_for_a_line_that_the_virtual_rig_obeys(name):
     (planned,) = plan_faults([f"2.5 {name}"], 5.0, "--fault")
     assert planned == (2.5, FAULTS[name], name)
+
+
+def test_the_page_has_every_name_and_no_other():
+    page = (Path(__file__).parents[2] / "docs" / "connect.md").read_text(encoding="utf-8")
+    named = page.split("The names are")[1].split("A scenario with faults")[0].replace("\n", " ")
+    told = set(re.findall(r"`([^`]+)`", named)) - {"phi", "theta"}
+    assert told | {each.replace("phi", "theta") for each in told} == set(FAULTS)
 
 
 def test_faults_of_drives_are_those_of_the_named_axis():
