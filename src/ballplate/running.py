@@ -117,7 +117,7 @@ def run(
     file = trace_file(trace, folder, on, report)
     keys = [each.key for each in changed]
     kind = "mujoco" if "parameters" in keys else chosen.plant.kind  # the twin of a foreign rig, too
-    label = PLANTS[kind].label if on is None else f"rig {Path(on).stem}"
+    label = PLANTS[kind].label if on is None else rig_label(on)
     compared = chosen.baseline and kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
     saves = chosen.duration >= WORTH_PROCESS and cores() > 1 and importable(chosen)
@@ -402,6 +402,17 @@ def _begin_clean_run(
             return result()
 
     return ended
+
+
+def rig_label(on: str) -> str:
+    """The title of a rig file in tables and pictures; its name where it has none."""
+    from twin.scenario.rig import RigFile, read_rig
+
+    title = RigFile.model_fields["title"].default
+    if on != EMULATED_RIG:
+        with suppress(TwinError):  # reported where the rig is opened
+            title = read_rig(Path(on)).title
+    return f"rig {Path(on).stem}" if title == RigFile.model_fields["title"].default else title
 
 
 EMULATED_RIG = "emulated"
