@@ -28,6 +28,7 @@ def test_a_plate_that_follows_late_is_led_by_a_law_that_knows_it():
     late = load("excite", ["parameters=hobby"])
     assert (late.controller.kind, late.rig.plate_lag) == ("stable_inversion", 0.06)
     assert late.observer.kind == "friction_map_kalman"
+    assert load("excite", ["parameters=course"]).controller.kind == "afl"  # 40 ms
     own = load("excite", ["parameters=hobby", "controller={kind='afl', gains=[20,24,18,6]}"])
     assert (own.controller.kind, own.controller.gains) == ("afl", [20, 24, 18, 6])
 

@@ -187,8 +187,8 @@ def resolve(
 ) -> tuple[Tables, str]:
     """A scenario's tables with its parameter file and, over that, settings; and their source.
 
-    Where ``rig.plate_lag`` is then above 0, the scenario's tables ``lagging`` lie over its own:
-    what leads the ball on a plate that follows late, under parameter file and settings.
+    Where ``rig.plate_lag`` is then more than ``lagging.above``, in s, the other tables of
+    ``lagging`` lie over the scenario's own: what leads the ball on a plate that follows late.
 
     Raises:
         ScenarioError: If the file cannot be read, or a key leads through a value.
@@ -200,12 +200,15 @@ def resolve(
     found = _merged(own, source, settings)
     rig = found[0].get("rig")
     lag = rig.get("plate_lag", 0.0) if isinstance(rig, Mapping) else 0.0
-    late = isinstance(lag, int | float) and lag > 0
-    return _merged(laid_over(own, lagging), source, settings) if lagging and late else found
+    above, over = lagging.get("above", 0.0), {k: v for k, v in lagging.items() if k != "above"}
+    if not isinstance(above, int | float) or not above >= 0:
+        raise ScenarioError(f"{source}: {LAGGING}.above: must be a lag in s, got {above!r:.40}")
+    late = isinstance(lag, int | float) and lag > above
+    return _merged(laid_over(own, over), source, settings) if over and late else found
 
 
 LAGGING = "lagging"
-"""Tables of a scenario that lie over its own on a rig with ``rig.plate_lag``."""
+"""Tables of a scenario that lie over its own on a rig with a longer ``rig.plate_lag``."""
 
 
 def _merged(
