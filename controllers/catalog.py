@@ -346,13 +346,26 @@ def broken_so_far() -> tuple[str, ...]:
 
 
 def describe_incomplete_classes() -> list[str]:
-    """A line for each external class that lacks a required member: file, class and why."""
-    return [
-        f"{module.__file__}: {item.__name__} lacks {_lacking(item)}"
-        for module in outside()
-        for item in _kinds(module)
-        if _lacking(item) and item.__module__ == module.__name__
-    ]
+    """A line for each external class that lacks a member or its base class: file, class and why."""
+    lines = []
+    for module in outside():
+        for _, item in inspect.getmembers(module, inspect.isclass):
+            if item.__module__ != module.__name__:
+                continue
+            if not issubclass(item, Law | Observer | Reference):
+                base = next((each for member, each in _BASE_OF.items() if member in vars(item)), "")
+                if base:
+                    line = (
+                        f"{item.__name__} is not derived from {base}; write class {item.__name__}"
+                    )
+                    lines.append(f"{module.__file__}: {line}({base})")
+            elif lacking := _lacking(item):
+                lines.append(f"{module.__file__}: {item.__name__} lacks {lacking}")
+    return lines
+
+
+_BASE_OF = {"control": "Law", "command": "Law", "correct": "Observer"}
+"""A member of an external class to the base class that it seems to need."""
 
 
 def locate_error(error: BaseException) -> str | None:

@@ -52,7 +52,7 @@ def test_the_rig_file_of_the_page_is_one():
 def test_the_list_of_tables_names_every_table_law_observer_and_reference():
     rows = dict(re.findall(r"^\| (`\[.*?`) \| (.*) \|$", RUN, re.MULTILINE))
     tables = {name for names in rows for name in re.findall(r"\[(\w+)\]", names)}
-    simple = {"title", "duration", "seed", "baseline"}
+    simple = {"title", "duration", "seed", "baseline", "rehearsed"}
     assert tables == set(Scenario.model_fields) - simple
     for table in CATALOG_TABLES:
         named = set(re.findall(r"`(\w+)`", rows[f"`[{table}]`"]))

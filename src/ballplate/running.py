@@ -11,11 +11,13 @@ from contextlib import (
     nullcontext,
     suppress,
 )
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.rehearsing import rehearse
 from ballplate.reporter import Reporter, default, writable
 from twin.base.errors import LawError, RigError, ScenarioError, TwinError
 from twin.base.shipped import find
@@ -75,7 +77,8 @@ def run(
         out: Folder to save in; see ``Result.save`` for later. A run that is interrupted leaves one
             that is finished there, and one on a rig any; it goes to the next free folder of the
             name.
-        on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
+        on: Rig file, or ``emulated`` for the virtual rig; simulated by default. A scenario that is
+            ``rehearsed`` must keep its ball on the twin first.
         reset: Whether faults found in the drives of a rig are reset when switching on.
         faults: Faults that the virtual rig does to itself, ``SECONDS LINE`` each, as ``3 unplug``;
             the lines are those of ``ballplate emulate``.
@@ -103,7 +106,7 @@ def run(
     chosen = scenario_of(scenario, changed)
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     if chosen.board is not None:
-        further = {PYTHON_LABEL: chosen.model_copy(update={"board": None})} | further
+        further = {PYTHON_LABEL: chosen.model_copy(update={"board": None, "fault": ()})} | further
     from ballplate.results import Result, recorded
     from twin.base.jobs import SecondProcess, cores
     from twin.run.assemble import PLANTS
@@ -115,7 +118,7 @@ def run(
     file = trace_file(trace, folder, on, report)
     keys = [each.key for each in changed]
     kind = "mujoco" if "parameters" in keys else chosen.plant.kind  # the twin of a foreign rig, too
-    label = PLANTS[kind].label if on is None else f"rig {Path(on).stem}"
+    label = PLANTS[kind].label if on is None else rig_label(on)
     compared = chosen.baseline and kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
     saves = chosen.duration >= WORTH_PROCESS and cores() > 1 and importable(chosen)
@@ -124,7 +127,16 @@ def run(
     with alone, parallel as second, ExitStack() as written:
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
         with write_trace(file, report, bounded=trace is None, incomplete=incomplete) as heard:
-            rig = open_rig(on, chosen, keys, report, reset=reset, faults=faults, hear=heard)
+            rig = open_rig(
+                on,
+                chosen,
+                keys,
+                report,
+                reset=reset,
+                faults=faults,
+                hear=heard,
+                try_first=partial(rehearse, scenario, changed, report),
+            )
             with rig as (real, chosen), attached as attach:
                 baseline = _begin_clean_run(chosen, second, report) if compared else None
                 observed = attach
@@ -394,6 +406,17 @@ def _begin_clean_run(
     return ended
 
 
+def rig_label(on: str) -> str:
+    """The title of a rig file in tables and pictures; its name where it has none."""
+    from twin.scenario.rig import RigFile, read_rig
+
+    title = RigFile.model_fields["title"].default
+    if on != EMULATED_RIG:
+        with suppress(TwinError):  # reported where the rig is opened
+            title = read_rig(Path(on)).title
+    return f"rig {Path(on).stem}" if title == RigFile.model_fields["title"].default else title
+
+
 EMULATED_RIG = "emulated"
 """The word for the virtual rig in place of a rig file."""
 WRITE_INTERVAL_S = 0.25
@@ -440,6 +463,7 @@ def open_rig(
     reset: bool,
     faults: Sequence[str] = (),
     hear: Callable[[Any], None] | None = None,
+    try_first: Callable[[str], None] = lambda _: None,
 ) -> Iterator[tuple[HardwareRig | None, Scenario]]:
     """The requested rig, not switched on, or None for the simulation; the scenario in its limits.
 
@@ -451,13 +475,15 @@ def open_rig(
         reset: Whether faults found in the drives are reset.
         faults: Faults of the virtual rig, ``SECONDS LINE`` each.
         hear: Is given every frame on its CAN bus.
+        try_first: Tries a scenario that is ``rehearsed`` on the twin of the rig of a file.
 
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
     """
     name = reporter.name_of("on")
-    if faults and on != EMULATED_RIG:
-        what = reporter.name_of("faults")
+    texts = [*faults, *(f"{each.at:g} {each.name}" for each in scenario.fault)]
+    if texts and on != EMULATED_RIG:
+        what = reporter.name_of("faults") if faults else "[[fault]]"
         raise ScenarioError(
             f"{what}: only the virtual rig has faults on demand; it needs {name} {EMULATED_RIG}"
         )
@@ -473,7 +499,7 @@ def open_rig(
     if on == EMULATED_RIG:
         from twin.emulator.injection import inject, plan_faults
 
-        planned = plan_faults(faults, scenario.duration, reporter.name_of("faults"))
+        planned = plan_faults(texts, scenario.duration, reporter.name_of("faults"))
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
     if scenario.change:
@@ -491,6 +517,8 @@ def open_rig(
         _judge_computer(f"{name} {on}", scenario, reporter)
     with rig_of(on, scenario, reporter) as (file, virtual):
         if virtual is None:
+            if scenario.rehearsed:
+                try_first(on)
             real = connect(scenario, file, reset=reset, hear=hear)
             build_reference(scenario, real.supervisor.limits.area)
             _judge_computer(f"{name} {on}", scenario, reporter)

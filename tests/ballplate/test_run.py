@@ -17,7 +17,7 @@ from command_line import called
 import ballplate
 from ballplate.changes import changes_of, scenario_of
 from ballplate.reporter import Notebook, Reporter
-from ballplate.running import warn_of_dangers
+from ballplate.running import rig_label, warn_of_dangers
 from twin.base.shipped import shipped_in
 from twin.run.finished import out_of_reach
 from twin.run.loop import simulate
@@ -305,3 +305,25 @@ def test_beside_the_twin_of_another_rig_runs_the_clean_model_of_it():
     assert 20 * clean < twin
     assert other.baseline.scenario.plant.size == other.scenario.plant.size == (0.3, 0.3)
     assert ballplate.run("circle", brief | {"plant.kind": "lagrange"}).baseline is None
+
+
+def test_faults_of_a_scenario_are_refused_where_nothing_can_have_them(tmp_path):
+    faulty = tmp_path / "faulty.toml"
+    faulty.write_text(
+        'title = "t"\nduration = 2.0\n[controller]\nkind = "lqr"\n[reference]\nkind = "setpoints"\n'
+        'points = [[0.0, 0.0, 0.0]]\n[[fault]]\nat = 1.0\nname = "sync lost"\n'
+    )
+    for attempt in (ballplate.run, ballplate.compare):
+        with pytest.raises(ballplate.TwinError, match=r"\[\[fault\]\]: only the virtual rig has"):
+            attempt(faulty)
+    with pytest.raises(ballplate.TwinError, match=r"fault\.0\.name"):
+        ballplate.run(faulty, ["fault=[{at=1.0}]"])
+
+
+def test_a_rig_is_called_by_the_title_of_its_file(tmp_path):
+    named, plain = tmp_path / "one.toml", tmp_path / "two.toml"
+    named.write_text('title = "mine"\nbackend = "mine.py:Mine"\n')
+    plain.write_text('backend = "mine.py:Mine"\n')
+    found = [rig_label(str(each)) for each in (named, plain, tmp_path / "three.toml")]
+    assert found == ["mine", "rig two", "rig three"]
+    assert rig_label("emulated") == "rig emulated"

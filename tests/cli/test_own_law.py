@@ -306,6 +306,7 @@ def test_a_law_that_does_not_answer_is_told_before_anything_runs(
     [
         ("def control(", "def contrl(", "Mine lacks control"),
         ('    name: ClassVar[str] = "mine"\n', "", "Mine lacks a name of its own"),
+        ("class Mine(Law)", "class Mine", "Mine is not derived from Law; write class Mine(Law)"),
     ],
 )
 def test_a_law_without_name_or_method_is_told_to_who_asks_for_it(

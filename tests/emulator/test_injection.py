@@ -1,22 +1,45 @@
 """Tests of `twin.emulator.injection`."""
 
+import re
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from twin.base.errors import ScenarioError
-from twin.emulator.injection import INJECTED, inject, plan_faults
+from twin.emulator.injection import FAULTS, INJECTED, inject, plan_faults
 from twin.hal.supervisor import State
 
 
 def test_faults_come_in_the_order_of_their_times():
     planned = plan_faults(["3 unplug", "0.5 drop 0x080 0.1", " 1.25  sto 2 "], 5.0, "--fault")
-    assert [tuple(each) for each in planned] == [
+    assert [each[:2] for each in planned] == [
         (0.5, "drop 0x080 0.1"),
         (1.25, "sto 2"),
         (3.0, "unplug"),
     ]
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_name_stands_for_a_line_that_the_virtual_rig_obeys(name):
+    (planned,) = plan_faults([f"2.5 {name}"], 5.0, "--fault")
+    assert planned == (2.5, FAULTS[name], name)
+
+
+def test_the_page_has_every_name_and_no_other():
+    page = (Path(__file__).parents[2] / "docs" / "connect.md").read_text(encoding="utf-8")
+    named = page.split("The names are")[1].split("A scenario with faults")[0].replace("\n", " ")
+    told = set(re.findall(r"`([^`]+)`", named)) - {"phi", "theta"}
+    assert told | {each.replace("phi", "theta") for each in told} == set(FAULTS)
+
+
+def test_faults_of_drives_are_those_of_the_named_axis():
+    nodes = {"phi": "1", "theta": "2"}
+    for name, line in FAULTS.items():
+        axis = next((each for each in nodes if f" {each}" in f" {name}"), None)
+        if axis is not None:
+            assert line.split()[1][-1] == nodes[axis], name
 
 
 @pytest.mark.parametrize(
@@ -28,6 +51,7 @@ def test_faults_come_in_the_order_of_their_times():
         ("nan unplug", "with 0 to 5 seconds"),
         ("1 unplg", "no fault 'unplg'; did you mean 'unplug'?"),
         ("1", "no fault ''"),
+        ("1 sync lots", "no fault 'sync lots'; did you mean 'sync lost'?"),
         ("1 touch 1", "how: touch X Y, in mm"),
         ("1 touch nan 0", "'nan': must be a number, -1000 to 1000"),
         ("1 drop", "how: drop ID|all SECONDS"),

@@ -606,7 +606,9 @@ def test_a_circle_tells_the_gain_of_a_rig_whose_height_is_told(rig, gain, tmp_pa
                                                        ("course", 7.007, 0.04671)])  # fmt: skip
 def test_gain_and_friction_of_a_shipped_rig_are_those_of_its_ball(rig, gain, friction, tmp_path):
     """By hand from its file: 3/5 and 5/7 of gravity, and the arm of friction by the radius."""
-    ran = run("excite", (f"parameters={rig}", "seed=5"), out=tmp_path / "run")
+    law = "controller={kind='afl', gains=[180.0, 162.0, 66.0, 13.0]}"  # as of a plate on time
+    settings = (f"parameters={rig}", "seed=5", law, "observer={kind='luenberger'}")
+    ran = run("excite", settings, out=tmp_path / "run")
     told = by_name(identify(logged(ran, tmp_path), columns=OWN_COLUMNS).found)
     for axis, true in (("x", gain), ("y", -gain)):
         one, held = told[f"gain_{axis}"], told[f"friction_{axis}"]

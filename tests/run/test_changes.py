@@ -214,7 +214,7 @@ WRONG = {
     '[{at=1, set={"controller.kind"="lqr"}}]': "controller.kind: cannot change while",
     '[{at=1, over=1, set={"plant.ball.mass"=0.03}}]': "plant.ball.mass: changes at once; leave out",
     '[{at=1, set={"plant.friction.rolling_mm"=-1}}]': "rolling_mm: must be greater than or equal",
-    '[{at=1, set={"plant.friction.rolling_mm"="much"}}]': "rolling_mm: must be a valid number",
+    '[{at=1, set={"plant.friction.rolling_mm"="much"}}]': "rolling_mm: must be a number",
     '[{at=1, set={"plant.servo.torque_limit"=2.0}}]': "the exact equations have ideal motors",
     '[{at=9, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: 9 s is not before the end",
     '[{at=-1, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: must be greater",

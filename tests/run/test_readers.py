@@ -10,6 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pyarrow as pa
 import pytest
+import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -331,3 +332,19 @@ def test_what_is_exported_is_read_back_to_the_last_digit(tmp_path_factory, endin
     assert set(found) == set(columns)
     for name, values in columns.items():
         np.testing.assert_array_equal(found[name], values)
+
+
+def test_a_run_exported_for_matlab_holds_what_ran_and_is_read_as_its_columns(tmp_path):
+    import ballplate
+
+    gains = ["controller={kind='afl', gains=[60,54,30,8]}", "plant.kind=lagrange"]
+    done = ballplate.run("circle", gains, duration=0.1, baseline=False)
+    file = done.export(tmp_path / "run.mat")
+    found = scipy.io.loadmat(file, simplify_cells=True)
+    assert found["scenario"]["controller"]["gains"].tolist() == [60, 54, 30, 8]
+    assert found["scenario"]["predictor"]["delay"] == 0.042
+    assert found["scenario"]["change"].size == 0
+    assert found["metrics"]["outcome"] == "finished"
+    assert found["metrics"]["rms_error"] == done.metrics["rms_error"]
+    assert found["units"]["measured_x"] == "m"
+    assert set(foreign_table(file).columns) == set(done)

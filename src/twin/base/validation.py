@@ -120,7 +120,26 @@ def first_finding(
         place = ".".join(map(str, key))
         kinds = [each for each in error.errors() if [*each["loc"][:-1]] == key]
     message = " or ".join(each["msg"].removeprefix("Input should be ") for each in kinds)
-    return f"{place}: must be {message}, got {shorten(json.dumps(first['input'], default=str))}"
+    for theirs, ours in PLAIN_WORDS.items():
+        message = message.replace(theirs, ours)
+    given = first["input"]
+    shown = shorten(json.dumps(given, default=str))
+    return f"{place}: must be {message}, got {shown}{_hint(message, given)}"
+
+
+PLAIN_WORDS = {"a valid array": "a list", "a valid string": "a text", "a valid number": "a number"}
+"""Words for pydantic's names of kinds of values."""
+
+
+def _hint(message: str, given: object) -> str:
+    """What to write instead of a text that was meant as a number or a list; empty if unknown."""
+    if not isinstance(given, str):
+        return ""
+    if message == "a number" and re.fullmatch(r"[-+.\d]+(e[-+]?\d+)? ?[^\W\d][\w/^%]*", given):
+        return "; write it without its unit, which the key has"
+    if message == "a list" and given.startswith("["):
+        return "; is a bracket missing?" if given.count("[") != given.count("]") else ""
+    return ""
 
 
 def check_named_once(what: str, names: Sequence[str], hint: str = "") -> None:

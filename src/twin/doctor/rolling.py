@@ -86,8 +86,7 @@ def roll(
         return
     rig.start()
     for axis, name in enumerate(AXIS_NAMES):
-        rolled = [motion.tilt(axis, sign) for sign in (1, -1)]
-        yield _direction(name, *rolled, test)
+        yield _direction(name, motion.tilt(axis, 1), motion.tilt(axis, -1), test)
 
 
 def _direction(

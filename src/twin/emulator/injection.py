@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, nearest
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import EmulatedBus
@@ -23,6 +24,8 @@ RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug")
 """Lines about the whole virtual rig."""
 RIG_NODES = (1, 2)
 """Nodes of its drives."""
+FAULTS: Mapping[str, str] = read_packaged("twin.emulator", "faults.toml")
+"""Lines of `VirtualRig.control` by the names of the faults that they do."""
 LOOK_INTERVAL_S = 0.001
 """Time in s between two looks at the run's clock."""
 
@@ -33,27 +36,30 @@ class PlannedFault(NamedTuple):
     Attributes:
         time: Seconds since the run has begun.
         line: A line of `VirtualRig.control`.
+        name: As it was given, the line or its name in ``FAULTS``.
     """
 
     time: float
     line: str
+    name: str
 
 
 def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[PlannedFault]:
     """The faults that texts ``SECONDS LINE`` describe, in the order of their times.
 
     Args:
-        texts: As ``3.0 unplug`` or ``2 drop 0x080 0.1``.
+        texts: As ``3.0 unplug``, ``2 drop 0x080 0.1``, or by a name of ``FAULTS``, ``2 sync lost``.
         duration: Of the run, s.
         option: What the argument is called in messages.
 
     Raises:
         ScenarioError: If a time is none of the run, or the virtual rig cannot obey a line.
     """
-    known = sorted({*RIG_WORDS, "touch", *(each.split()[0] for each in CONTROL_COMMANDS)})
+    known = sorted({*FAULTS, *RIG_WORDS, "touch", *(each.split()[0] for each in CONTROL_COMMANDS)})
     found = []
     for text in texts:
-        at, _, line = text.strip().partition(" ")
+        at, _, named = text.strip().partition(" ")
+        line = FAULTS.get(named.strip(), named)
         try:
             time = float(at)
         except ValueError:
@@ -65,12 +71,13 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
             )
         word = line.strip().partition(" ")[0]
         if word not in known:
-            raise ScenarioError(f"{option} '{text:.60}': no fault '{word}'{nearest(word, known)}")
+            named = named.strip()
+            raise ScenarioError(f"{option} '{text:.60}': no fault '{named}'{nearest(named, known)}")
         try:
             _rehearse(line.strip())
         except ControlError as error:
             raise ScenarioError(f"{option} '{text:.60}': {error}") from None
-        found.append(PlannedFault(time, line.strip()))
+        found.append(PlannedFault(time, line.strip(), named.strip()))
     return sorted(found, key=lambda each: each.time)
 
 
@@ -115,7 +122,7 @@ def inject(
             time = rig.clock.time
             if rig.supervisor.state[0] == State.RUNNING and time >= waiting[0].time:
                 fault = waiting.pop(0)
-                text = f"{fault.line}: {obey(fault.line)}"
+                text = f"{fault.name}: {obey(fault.line)}"
                 rig.journal.append(Entry(time, Note(0, INJECTED, f"virtual rig: {text}")))
 
     thread = threading.Thread(target=work, name="faults", daemon=True)

@@ -346,12 +346,13 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
 
     Args:
         path: ``.csv``: a header ``name [unit]``, as ``identify`` reads it, numbers with all their
-            digits. ``.mat``: one column vector per name, and the struct ``units``, for MATLAB.
+            digits. ``.mat``: one column vector per name, and the struct ``units``, for MATLAB; of
+            a run also the structs ``scenario``, ``parameters`` and ``metrics``.
             ``.parquet``: one column per name with its unit in the metadata. ``.mcap``:
             messages of ROS 2, see ``ros2.toml``, by the extra ``mcap``.
         columns: Name to values, shape (K,) each.
         units: Name to unit.
-        about: What else there is to tell, by name: attachments of an MCAP file, in JSON.
+        about: Further data by name: structs of a .mat file, attachments of an MCAP file in JSON.
 
     Raises:
         RecordError: If the ending is none of these, a package for it is missing, or the file cannot
@@ -379,11 +380,37 @@ def _mat(path: Path, columns: Columns, units: Units, about: About) -> None:
     named = {_plain(name): values for name, values in columns.items()}
     savemat(
         path,
-        {**named, "units": {_plain(name): units.get(name, "") for name in columns}},
+        {
+            **{_plain(name): _matlab_value(value) for name, value in about.items()},
+            **named,
+            "units": {_plain(name): units.get(name, "") for name in columns},
+        },
         oned_as="column",
         appendmat=False,
         long_field_names=True,
     )
+
+
+def _matlab_value(value: Any) -> Any:
+    """A value of JSON as MATLAB has it.
+
+    A table is a struct, a list of numbers a row, rows of one length a matrix, any other list a cell
+    array; nothing is an empty matrix.
+    """
+    import numpy as np  # noqa: PLC0415  heavy: loaded when needed
+
+    if value is None:
+        return np.zeros((0, 0))
+    if isinstance(value, Mapping):
+        return {_plain(name): _matlab_value(each) for name, each in value.items()}
+    if not isinstance(value, list | tuple):
+        return value
+    with suppress(TypeError, ValueError):  # rows of different lengths
+        if np.asarray(value).dtype.kind in "biuf":
+            return np.array(value, float)
+    cells = np.empty(len(value), object)
+    cells[:] = [_matlab_value(each) for each in value]
+    return cells
 
 
 def _plain(name: str) -> str:

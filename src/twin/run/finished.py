@@ -31,7 +31,7 @@ from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
 from twin.run import assemble, files
-from twin.run.loop import drive
+from twin.run.loop import drive, refuse_faults
 from twin.run.metrics import (
     INTERRUPTED_REASON,
     KILLED_REASON,
@@ -324,6 +324,7 @@ def run(
         TwinError: If the scenario cannot be assembled.
     """
     if rig is None:
+        refuse_faults([scenario])
         rig, controller = assemble.assemble(scenario, unseen=True)
     else:
         controller = assemble.build_controller(scenario.in_real_time)

@@ -278,6 +278,7 @@ def simulate(
         KeyboardInterrupt: If the user interrupts.
         TwinError: If rigs or controllers cannot be built.
     """
+    refuse_faults(scenarios)
     order = _pad_batch(scenarios)
     first = scenarios[0]
     batch = [scenarios[i] for i in order]
@@ -317,6 +318,16 @@ def simulate(
             motion = replace(motion, lateness=None)
         found.append(measure(motion, outcome, **dict(scenario.metrics)))
     return found
+
+
+def refuse_faults(scenarios: Sequence[Scenario]) -> None:
+    """Refuse scenarios with faults that only the virtual rig can do to itself.
+
+    Raises:
+        ScenarioError: If one of them has any.
+    """
+    if any(each.fault for each in scenarios):
+        raise ScenarioError("[[fault]]: only the virtual rig has faults; run it on --rig emulated")
 
 
 def is_foreign(scenario: Scenario) -> bool:

@@ -249,6 +249,10 @@ def _plain(value: Any, depth: int = 0) -> Any:
     return value
 
 
+OWN_STRUCTS = {"units", "scenario", "parameters", "metrics"}
+"""Structs beside the columns in an exported run, known by the units among them."""
+
+
 def _of_matlab(path: Path, values: Mapping[str, Any], opaque: list[str]) -> ForeignTable:
     """The table of a workspace of MATLAB.
 
@@ -261,7 +265,7 @@ def _of_matlab(path: Path, values: Mapping[str, Any], opaque: list[str]) -> Fore
     clocks: dict[str, Array] = {}
     units = values.get("units") if isinstance(values.get("units"), dict) else {}
     for name, value in values.items():
-        if not (name == "units" and units):
+        if not (name in OWN_STRUCTS and units):
             _take(columns, clocks, name, value)
     if opaque and not columns:
         name = opaque[0] if opaque[0] not in ("None", "") else "ts"

@@ -14,7 +14,7 @@ from twin.base.errors import LawError, TwinError
 from twin.base.jobs import results
 from twin.run import assemble
 from twin.run.finished import Run, run
-from twin.run.loop import alike, drive, is_foreign
+from twin.run.loop import alike, drive, is_foreign, refuse_faults
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.scenario.schema import Scenario, choices
@@ -100,6 +100,7 @@ def run_together(scenarios: Sequence[Scenario]) -> Iterator[Run | LawError]:
         KeyboardInterrupt: If the user interrupts.
         TwinError: If a scenario cannot be assembled.
     """
+    refuse_faults(scenarios)
     found: Iterable[Run | None] = [None] * len(scenarios)
     if len(scenarios) > 1:
         with suppress(TwinError):  # one of them is the cause: its own run reports it

@@ -160,7 +160,9 @@ def clean(scenario: Scenario) -> Scenario:
         for name, table in tables_of.items()
     }
     prompt = scenario.without_computing_time
-    return prompt.model_copy(update={**tables, "predictor": None, "board": None, "change": ()})
+    return prompt.model_copy(
+        update={**tables, "predictor": None, "board": None, "change": (), "fault": ()}
+    )
 
 
 Tables = dict[str, Any]
@@ -185,9 +187,34 @@ def resolve(
 ) -> tuple[Tables, str]:
     """A scenario's tables with its parameter file and, over that, settings; and their source.
 
+    Where ``rig.plate_lag`` is then more than ``lagging.above``, in s, the other tables of
+    ``lagging`` lie over the scenario's own: what leads the ball on a plate that follows late.
+
     Raises:
         ScenarioError: If the file cannot be read, or a key leads through a value.
     """
+    lagging = tables.get(LAGGING, {})
+    if not isinstance(lagging, Mapping):
+        raise ScenarioError(f"{source}: {LAGGING}: must be a table of tables, got {lagging!r:.40}")
+    own = {name: table for name, table in tables.items() if name != LAGGING}
+    found = _merged(own, source, settings)
+    rig = found[0].get("rig")
+    lag = rig.get("plate_lag", 0.0) if isinstance(rig, Mapping) else 0.0
+    above, over = lagging.get("above", 0.0), {k: v for k, v in lagging.items() if k != "above"}
+    if not isinstance(above, int | float) or not above >= 0:
+        raise ScenarioError(f"{source}: {LAGGING}.above: must be a lag in s, got {above!r:.40}")
+    late = isinstance(lag, int | float) and lag > above
+    return _merged(laid_over(own, over), source, settings) if over and late else found
+
+
+LAGGING = "lagging"
+"""Tables of a scenario that lie over its own on a rig with a longer ``rig.plate_lag``."""
+
+
+def _merged(
+    tables: Mapping[str, Any], source: str, settings: Collection[tuple[str, Any]]
+) -> tuple[Tables, str]:
+    """The tables of ``resolve`` without a choice by the plate's lag."""
     merged = put(tables, settings)
     file = merged.pop("parameters", None)
     if file is not None:

@@ -112,6 +112,15 @@ class Change(Section):
         return ""
 
 
+class InjectedFault(Section):
+    """A fault that the virtual rig does to itself while it runs."""
+
+    at: Annotated[float, Field(ge=0)]
+    """When, time of the run in s."""
+    name: Annotated[str, Field(min_length=1)]
+    """Which, by its name or as a line of `ballplate emulate`: "sync lost", "unplug"."""
+
+
 def tables(*classes: type, bases: Mapping[str, type[Section]], module: str) -> dict[str, Any]:
     """The models of all tables that settings of some dataclasses lie in, by dotted name.
 
@@ -701,9 +710,14 @@ class Scenario(Section):
     """Seed of the noise: the same seed gives the same run to the last bit."""
     baseline: bool = False
     """Whether `ballplate run` also runs the clean model, to compare with."""
+    rehearsed: bool = False
+    """Whether a rig of a rig file runs it only after its twin has kept the ball."""
     change: tuple[Change, ...] = ()
     """Changes of the rig while it runs: each table gives the time (at), its duration
     (over, 0 for at once) and the new values by their quoted keys (set)."""
+    fault: tuple[InjectedFault, ...] = ()
+    """Faults of the virtual rig, on `--rig emulated` only: each table gives the time (at) and the
+    name of the fault (name)."""
     plant: PlantTable = PlantTable()
     rig: RigTable = RigTable()
     sensors: SensorsTable = SensorsTable()

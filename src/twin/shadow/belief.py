@@ -233,7 +233,7 @@ def belief_of(log: Log, overrides: Sequence[str] = ()) -> Belief:
         ScenarioError: If a key or value is wrong, or the log's scenario is of a different version.
     """
     tables: Mapping[str, Any] = log.scenario or read("circle")[0]
-    tables = {key: value for key, value in tables.items() if key != "change"}
+    tables = {key: value for key, value in tables.items() if key not in {"change", "fault"}}
     source = log.source if log.scenario else "the twin"
     followed = [(key, tables[key]) for key in ("title", "reference") if key in tables]  # as it was
     found = resolve(tables, source, [*followed, *map(setting, overrides)])
