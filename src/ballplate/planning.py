@@ -23,6 +23,12 @@ class Planned:
     Attributes:
         forecasts: Of each motion, the one that tells most first.
         optimised: The motion that was optimised; None if none was asked for.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> plan = bp.plan_experiment("hold", "delay", seconds=5, rigs=0)
+        >>> plan.best.nominal.why[:9]  # the ball rests
+        'too quiet'
     """
 
     forecasts: list[MotionForecast]
@@ -95,10 +101,10 @@ def plan_experiment(
 
     Examples:
         >>> import ballplate as bp
-        >>> plan = bp.plan_experiment("sine", "delay", on="hobby", seconds=8, rigs=0)
+        >>> plan = bp.plan_experiment("sine", "delay", seconds=12, rigs=0, hold_out=0)
         >>> (delay,) = plan.best.nominal.verdicts
-        >>> f"{delay.value:.2f} {delay.about.unit}"
-        '0.03 s'
+        >>> f"{delay.value:.3f} {delay.about.unit}: {delay.word}"
+        '0.042 s: identified'
     """
     from twin.identify.parameters import choose_parameters
     from twin.plan.experiment import RigChoice, forecast_motions

@@ -1,11 +1,14 @@
 """`twin.shadow.reference`: A twin from a reference log judges other logs of the rig."""
 
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import ballplate as bp
 from twin.cli import main
+from twin.shadow.reference import Reference
 
 RIG = ("plant.friction.rolling_mm=0.23", "plant.level_deg=[0.2, -0.1]", "plant.step=0.002")
 """A rig that differs from the usual one."""
@@ -56,3 +59,18 @@ def test_a_mistake_is_one_line(line, tmp_path, monkeypatch, capsys):
     assert code == 2
     (said,) = told.err.splitlines()
     assert said.startswith(f"ballplate: {MISTAKES[line]}")
+
+
+@pytest.mark.parametrize(
+    ("file", "on", "overrides"),
+    [
+        (Path("p.toml"), "hobby", ("parameters=p.toml",)),
+        (None, "hobby", ("parameters=hobby",)),
+        (None, "", ()),
+    ],
+)
+def test_what_is_not_identified_is_that_of_the_named_rig(file, on, overrides):
+    found = SimpleNamespace(verdicts=(), source="log")
+    reference = Reference(found, file, on)
+    assert reference.overrides == overrides
+    assert "identified: nothing" in reference.describe()

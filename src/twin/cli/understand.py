@@ -288,8 +288,11 @@ def shadow(
     if first is not None:
         named = run_name(first)
         folder = check_writable((out or RUNS_FOLDER) / f"identify-{named}")
+        rigs = [text for text in overrides if text.partition("=")[0].strip() == "parameters"]
+        overrides = tuple(text for text in overrides if text not in rigs)
+        on = "".join(text.partition("=")[2].strip() for text in rigs)
         with progress(f"identifying from {named}", 1.0) as advance:
-            learned = learn_reference(first, folder, progress=advance, **how)
+            learned = learn_reference(first, folder, on=on, progress=advance, **how)
         overrides = (*learned.overrides, *overrides)
     found = {}
     for file, name, folder in zip(files, names, folders, strict=True):
