@@ -13,6 +13,7 @@ from twin.base.errors import ScenarioError
 
 if TYPE_CHECKING:
     from twin.plan.experiment import MotionForecast
+    from twin.plan.motion import OptimisedMotion
 
 
 @dataclass(repr=False, eq=False)
@@ -21,9 +22,17 @@ class Planned:
 
     Attributes:
         forecasts: Of each motion, the one that tells most first.
+        optimised: The motion that was optimised; None if none was asked for.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> plan = bp.plan_experiment("hold", "delay", seconds=5, rigs=0)
+        >>> plan.best.nominal.why[:9]  # the ball rests
+        'too quiet'
     """
 
     forecasts: list[MotionForecast]
+    optimised: OptimisedMotion | None = None
 
     @property
     def best(self) -> MotionForecast:
@@ -32,7 +41,30 @@ class Planned:
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
-        return {"best": self.best.scenario, "motions": [each.as_dict() for each in self.forecasts]}
+        found: dict[str, Any] = {"best": self.best.scenario}
+        found["motions"] = [each.as_dict() for each in self.forecasts]
+        if self.optimised is not None:
+            found["optimised"] = {
+                "base": self.optimised.base,
+                "kept": self.optimised.kept,
+                "tested": self.optimised.tested,
+                "scenario": self.optimised.text,
+            }
+        return found
+
+    def save(self, file: str | Path) -> Path:
+        """Write the optimised motion: a scenario, or a table of the reference if it ends in .csv.
+
+        Raises:
+            TwinError: If no motion was optimised, the ending is another one, or the file cannot be
+                written.
+        """
+        from twin.plan.motion import write_motion
+
+        if self.optimised is None:
+            raise ScenarioError(f"{file}: no motion was optimised; plan with optimise=True")
+        write_motion(Path(file), self.optimised)
+        return Path(file)
 
     def _repr_html_(self) -> str:
         """For a notebook: the forecast of each motion."""
@@ -49,6 +81,7 @@ def plan_experiment(
     seconds: float = 40.0,
     rigs: int = 4,
     hold_out: float = HOLD_OUT_SHARE,
+    optimise: bool = False,
     reporter: Reporter | None = None,
 ) -> Planned:
     """Forecast what motions will tell of a rig, before anything is recorded.
@@ -60,6 +93,7 @@ def plan_experiment(
         seconds: Length of the run, 5 to 600.
         rigs: Number of rigs that are drawn of what is not known of the rig, 0 to 200.
         hold_out: Share of the run that ``identify`` will hold out from the fit, 0 to 0.8.
+        optimise: Whether a motion is sought that tells more, under the law of the best scenario.
         reporter: Receives progress; a notebook has its own.
 
     Raises:
@@ -67,10 +101,10 @@ def plan_experiment(
 
     Examples:
         >>> import ballplate as bp
-        >>> plan = bp.plan_experiment("sine", "delay", on="hobby", seconds=8, rigs=0)
+        >>> plan = bp.plan_experiment("sine", "delay", seconds=12, rigs=0, hold_out=0)
         >>> (delay,) = plan.best.nominal.verdicts
-        >>> f"{delay.value:.2f} {delay.about.unit}"
-        '0.03 s'
+        >>> f"{delay.value:.3f} {delay.about.unit}: {delay.word}"
+        '0.042 s: identified'
     """
     from twin.identify.parameters import choose_parameters
     from twin.plan.experiment import RigChoice, forecast_motions
@@ -83,4 +117,12 @@ def plan_experiment(
     choice = RigChoice(on=str(on or ""), rigs=rigs)
     report = reporter or default()
     with report.progress("forecasting", 1.0) as advance:
-        return Planned(forecast_motions(motions, seconds, choice, wanted, 1 - hold_out, advance))
+        found = forecast_motions(motions, seconds, choice, wanted, 1 - hold_out, advance)
+    if not optimise:
+        return Planned(found)
+    from twin.plan.motion import optimise_motion
+
+    with report.progress("optimising", 1.0) as advance:
+        best = optimise_motion(found[0].scenario, seconds, choice, wanted, 1 - hold_out, advance)
+    every = sorted([*found, best.forecast], key=lambda each: each.score)
+    return Planned(every, best)

@@ -18,6 +18,9 @@ MISTAKES = {
     "identify --plan --parameters spring": "parameters: no motion shows spring",
     "identify --plan --ball hollow": "--ball: not with --plan",
     "identify --plan --hold-out log.csv": "--hold-out: with --plan give one share",
+    "identify no.csv --optimise": "--optimise: with --plan only",
+    "identify --plan --table motion.csv": "--table: with --optimise only",
+    "identify --plan --optimise --table motion.txt": "--table motion.txt: must end in .toml or",
     "identify --plan --hold-out 0.9": "hold_out: must be 0 to 0.8, got 0.9",
 }
 

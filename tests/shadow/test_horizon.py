@@ -12,10 +12,11 @@ from scipy import stats
 
 from twin.hal.interface import SCREEN_SIZE_M
 from twin.identify.least_squares import fit_starts
+from twin.identify.parameters import BALL_PARAMETERS
 from twin.identify.prepare import prepare
 from twin.identify.windows import FORCE_STRETCH_S, REPLAY_STEP_S, Spans, cut
 from twin.scenario import load
-from twin.shadow.belief import Belief, belief_of, logs
+from twin.shadow.belief import BALL_BELIEFS, Belief, belief_of, logs
 from twin.shadow.horizon import (
     CHI_SQUARE_95,
     LEAD_S,
@@ -23,6 +24,8 @@ from twin.shadow.horizon import (
     UNMAPPED_SHARE,
     FrictionMap,
     Replays,
+    Smoothed,
+    _sigma_points,
     braking,
     forces,
     replays,
@@ -282,3 +285,17 @@ def test_columns_of_unit_accelerations_become_those_of_the_unknown_ones(uneven):
     size = np.hypot(*there[0, 0, :, 0])
     assert found == pytest.approx(-size * (0.6 * columns[..., 0::2] + 0.8 * columns[..., 1::2]))
     assert to_acceleration_columns(columns[0], there) == pytest.approx(found)
+
+
+def test_parameters_that_may_be_are_within_their_bounds_however_little_is_known(uneven):
+    _, belief = uneven
+    count = len(BALL_BELIEFS) + 4
+    before = Smoothed(
+        np.zeros((2, count)), 1e6 * np.tile(np.eye(count), (2, 1, 1)), np.zeros((4, 2)), None, None
+    )
+    (parameters, _), weights = _sigma_points(before, belief)
+    assert weights.sum() == pytest.approx(1)
+    for k, name in enumerate(BALL_BELIEFS):
+        about = BALL_PARAMETERS[name]
+        assert parameters[..., k].min() == pytest.approx(about.least)
+        assert parameters[..., k].max() == pytest.approx(about.most)

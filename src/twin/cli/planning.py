@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from twin.base.errors import ScenarioError
+from twin.base.writing import check_writable
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, show
 
@@ -17,13 +18,28 @@ OWN_OPTIONS = {
     "seconds": "--seconds",
     "scenarios": "--scenario",
     "rigs": "--rigs",
+    "optimise": "--optimise",
+    "files": "--table",
 }
 """Options of a plan by the names of their values."""
+MOTION_ENDINGS = (".toml", ".csv")
+"""Endings of the files of a motion: a scenario, and a table for a board."""
 
 
 def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
     """The options of ``identify --plan``."""
     for option in (
+        click.option(
+            "--table",
+            "files",
+            multiple=True,
+            type=options.PATH_TYPE,
+            metavar="FILE",
+            help="With --optimise: write the motion, FILE.toml a scenario, FILE.csv for a board.",
+        ),
+        click.option(
+            "--optimise", is_flag=True, help="With --plan: seek a motion that tells more."
+        ),
         click.option("--rigs", type=int, help="With --plan: rigs drawn of what is unknown [4]."),
         click.option(
             "--scenario",
@@ -57,7 +73,7 @@ def take_plan(
     given = {name: how.pop(name) for name in OWN_OPTIONS}
     if not given.pop("plan"):
         for name, option in OWN_OPTIONS.items():
-            if given.get(name) not in (None, ()):
+            if given.get(name) not in (None, (), False):
                 raise ScenarioError(f"{option}: with --plan only")
         if not logs:
             raise ScenarioError("LOG: give a log, or --plan to forecast what one would tell")
@@ -69,6 +85,7 @@ def take_plan(
             raise ScenarioError(f"--{name.replace('_', '-')}: not with --plan")
     if out is not None:
         raise ScenarioError("--out: not with --plan, which prints its forecast")
+    _check_files(given["files"], optimise=given["optimise"])
     plan = {name: value for name, value in given.items() if value is not None}
     if held:
         try:
@@ -78,19 +95,36 @@ def take_plan(
     return plan
 
 
+def _check_files(files: Sequence[Path], *, optimise: bool) -> None:
+    """Make sure that the motion can be written to files.
+
+    Raises:
+        ScenarioError: If there is no motion, a file has another ending, or cannot be written.
+    """
+    if files and not optimise:
+        raise ScenarioError("--table: with --optimise only, of which it writes the motion")
+    for file in files:
+        if file.suffix not in MOTION_ENDINGS:
+            raise ScenarioError(f"--table {file}: must end in {' or '.join(MOTION_ENDINGS)}")
+        check_writable(file.parent, "--table")
+
+
 def show_plan(plan: dict[str, Any], names: str | None, on: str | None) -> int:
     """Print the forecasts; the exit code is 1 if no parameter will be identified.
 
     Args:
-        plan: Arguments of ``plan_experiment`` by name.
+        plan: Arguments of ``plan_experiment`` by name, and the files to write.
         names: The parameters, a comma-separated list; None for the usual ones.
         on: The rig; None for the thesis's rig.
     """
     from ballplate.planning import plan_experiment
     from twin.identify.verdicts import IDENTIFIED_VERDICT
 
+    files = plan.pop("files")
     done = plan_experiment(parameters=names or (), on=on, reporter=TERMINAL, **plan)
-    show(done.as_dict(), _describe(done))
+    for file in files:
+        done.save(file)
+    show(done.as_dict(), (*_describe(done), *(f"written: {file}" for file in files)))
     best = (each for rig in done.best.every for each in rig.verdicts)
     return int(all(each.word != IDENTIFIED_VERDICT for each in best))
 
@@ -102,6 +136,8 @@ def _describe(done: Any) -> Iterator[Shown]:
         else:
             yield bold(forecast.table.title)
         yield from forecast.sentences()
+    if done.optimised is not None:
+        yield done.optimised.describe()
     if len(done.forecasts) > 1:
         ranks = ", ".join(f"{each.scenario} {each.score:.2g}" for each in done.forecasts)
         yield bold(f"{done.best.scenario} tells most.")

@@ -243,33 +243,82 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
 
 
 @options.command(example="shadow runs/circle")
-@click.argument("log", type=options.PATH_TYPE)
+@click.argument("logs", metavar="LOG...", type=options.PATH_TYPE, nargs=-1, required=True)
+@click.option(
+    "--reference",
+    type=options.PATH_TYPE,
+    metavar="LOG0",
+    help="Identify the rig from this log of it while it was well; the others are judged by that.",
+)
 @options.SETTING
 @options.LEARN_OPTION
 @options.COLUMNS
 @click.option("--out", type=options.PATH_TYPE, help="Folder [RUN, or runs/shadow-LOG].")
 @options.JSON_OPTION
 def shadow(
-    log: Path, overrides: tuple[str, ...], out: Path | None, *, learn: bool, **how: Any
+    logs: tuple[Path, ...],
+    reference: Path | None,
+    overrides: tuple[str, ...],
+    out: Path | None,
+    *,
+    learn: bool,
+    **how: Any,
 ) -> int:
     """Run the twin on a recorded run: is it still right, since when not, and why.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). Writes shadow.html and shadow.json.
-    Exit code 1 after an alarm.
+    identified ones: it learns then as with --learn). With --reference it is identified from another
+    log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
+    shadow.json. Exit code 1 after an alarm.
     """
-    log = log_file(log)  # a wrong name is reported before anything heavy is imported
-    name = run_name(log)
+    files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
+    names = [run_name(file) for file in files]
+    if reference is None and len(files) > 1:
+        raise ScenarioError(f"{logs[1]}: several logs are judged with --reference LOG0 only")
+    if len(set(names)) < len(names):
+        raise ScenarioError(f"{logs[1]}: two logs are called alike; give each another name")
+    first = None if reference is None else log_file(reference)
+    from twin.shadow.reference import learn_reference
     from twin.shadow.report import WRITTEN_FILES, examine, sentences
 
-    folder = check_writable(
-        out or (log.parent if is_record(log) else RUNS_FOLDER / f"shadow-{name}")
-    )
-    with progress(f"the twin of {name}", 1.0) as advance:
-        found = examine(log, folder, overrides, learning=learn, progress=advance, **how)
-    show(found.as_dict(), sentences(found), folder, WRITTEN_FILES)
-    return int(bool(found.alarms))
+    def folder_of(file: Path, name: str) -> Path:
+        if out is not None:
+            return check_writable(out / name if reference is not None else out)
+        return check_writable(file.parent if is_record(file) else RUNS_FOLDER / f"shadow-{name}")
+
+    folders = [folder_of(*each) for each in zip(files, names, strict=True)]
+    learned = None
+    if first is not None:
+        named = run_name(first)
+        folder = check_writable((out or RUNS_FOLDER) / f"identify-{named}")
+        rigs = [text for text in overrides if text.partition("=")[0].strip() == "parameters"]
+        overrides = tuple(text for text in overrides if text not in rigs)
+        on = "".join(text.partition("=")[2].strip() for text in rigs)
+        with progress(f"identifying from {named}", 1.0) as advance:
+            learned = learn_reference(first, folder, on=on, progress=advance, **how)
+        overrides = (*learned.overrides, *overrides)
+    found = {}
+    for file, name, folder in zip(files, names, folders, strict=True):
+        with progress(f"the twin of {name}", 1.0) as advance:
+            found[name] = examine(
+                file,
+                folder,
+                overrides,
+                learning=learn or learned is not None,
+                progress=advance,
+                **how,
+            )
+    if learned is None:
+        ((_, one),) = found.items()
+        show(one.as_dict(), sentences(one), folders[0], WRITTEN_FILES)
+        return int(bool(one.alarms))
+    numbers = {"reference": learned.as_dict(), "logs": {n: f.as_dict() for n, f in found.items()}}
+    shown: list[Shown] = [learned.describe()]
+    for (name, each), folder in zip(found.items(), folders, strict=True):
+        shown += [bold(name), *sentences(each), f"written to {folder}/: {WRITTEN_FILES}"]
+    show(numbers, shown)
+    return int(any(each.alarms for each in found.values()))
 
 
 FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."

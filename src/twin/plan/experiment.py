@@ -13,6 +13,7 @@ import numpy as np
 
 from twin.base.errors import ScenarioError
 from twin.base.page import Table
+from twin.identify.logs import Log
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE, HIDDEN_PARAMETERS
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict
 from twin.plan.forecast import FORECAST, RigForecast, forecast_log, half_width, width_ratio
@@ -62,22 +63,19 @@ class RigChoice:
         """Name of the family that says what is not known of the rig."""
         return OWN_FAMILY if self.on else FAMILY
 
-    def scenarios(
-        self, name: str | Path, seconds: float, motion: Sequence[str] = ()
-    ) -> tuple[Scenario, list[Scenario]]:
+    def scenarios(self, name: str | Path, seconds: float) -> tuple[Scenario, list[Scenario]]:
         """A scenario as it is believed, and the rigs: first the nominal one, then those drawn.
 
         Args:
             name: Name or file of the scenario.
             seconds: Its duration.
-            motion: Changes of its motion.
 
         Raises:
             ScenarioError: If there is no such scenario, rig or key.
         """
         build = Builder(str(name))
         rig = (f"parameters={self.on}",) if self.on else ()
-        fixed = [f"duration={seconds:g}", *rig, *motion, *self.settings]
+        fixed = [f"duration={seconds:g}", *rig, *self.settings]
         believed = at_study_step(build(fixed, {}))
         family = read_family(self.family)
         relative = {key for key, about in family.parameters.items() if about.relative}
@@ -196,13 +194,28 @@ def _number(half: float) -> str:
     return f"{half:.2g}" if math.isfinite(half) else "none"
 
 
+def check_plan(seconds: float, choice: RigChoice, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Make sure that numbers are in range; the names of parameters that a motion may show.
+
+    Raises:
+        ScenarioError: If a number is out of range, or no motion shows any parameter.
+    """
+    asked = tuple(each for each in names if each not in HIDDEN_PARAMETERS)
+    if not asked:
+        raise ScenarioError(f"parameters: no motion shows {', '.join(names)}")
+    if not MIN_SECONDS <= seconds <= MAX_SECONDS:
+        raise ScenarioError(f"seconds: must be {MIN_SECONDS:g} to {MAX_SECONDS:g}, got {seconds:g}")
+    if not 0 <= choice.rigs <= MAX_RIGS:
+        raise ScenarioError(f"rigs: must be 0 to {MAX_RIGS}, got {choice.rigs}")
+    return asked
+
+
 def forecast_motion(
     name: str | Path,
     seconds: float,
     choice: RigChoice,
     names: tuple[str, ...] = DEFAULT_PARAMETERS,
     share: float = FITTED_SHARE,
-    motion: Sequence[str] = (),
     progress: Callable[[float], None] = lambda _: None,
 ) -> MotionForecast:
     """Forecast what a scenario will tell of the nominal rig and others.
@@ -213,29 +226,35 @@ def forecast_motion(
         choice: The rigs.
         names: The parameters, as ``identify`` takes them.
         share: Share of the run that will be fitted; the rest is held out.
-        motion: Changes of the scenario's motion, ``KEY=VALUE`` each.
         progress: Called with the share of the work done.
 
     Raises:
         ScenarioError: If anything is unknown or out of range.
     """
-    asked = tuple(each for each in names if each not in HIDDEN_PARAMETERS)
-    if not asked:
-        raise ScenarioError(f"parameters: no motion shows {', '.join(names)}")
-    if not MIN_SECONDS <= seconds <= MAX_SECONDS:
-        raise ScenarioError(f"seconds: must be {MIN_SECONDS:g} to {MAX_SECONDS:g}, got {seconds:g}")
-    if not 0 <= choice.rigs <= MAX_RIGS:
-        raise ScenarioError(f"rigs: must be 0 to {MAX_RIGS}, got {choice.rigs}")
-    believed, rigs = choice.scenarios(name, seconds, motion)
+    asked = check_plan(seconds, choice, names)
+    believed, rigs = choice.scenarios(name, seconds)
     recorded = logs([(believed, rig) for rig in rigs])
+    return forecast_runs(name, seconds, rigs, recorded, asked, share, progress)
+
+
+def forecast_runs(
+    name: str | Path,
+    seconds: float,
+    rigs: Sequence[Scenario],
+    recorded: Sequence[Log],
+    names: tuple[str, ...],
+    share: float = FITTED_SHARE,
+    progress: Callable[[float], None] = lambda _: None,
+) -> MotionForecast:
+    """The forecast of a motion from simulated runs of the nominal rig and others, in this order."""
     found = []
     for k, (log, rig) in enumerate(zip(recorded, rigs, strict=True)):
-        found.append(forecast_log(log, rig, asked, share))
+        found.append(forecast_log(log, rig, names, share))
         progress((k + 1) / len(rigs))
     return MotionForecast(
         scenario=str(name),
         seconds=seconds,
-        names=asked,
+        names=names,
         nominal=found[0],
         drawn=tuple(found[1:]),
     )
@@ -256,5 +275,5 @@ def forecast_motions(
         def advance(done: float, k: int = k) -> None:
             progress((k + done) / len(scenarios or EXCITATIONS))
 
-        found.append(forecast_motion(name, seconds, choice, names, share, (), advance))
+        found.append(forecast_motion(name, seconds, choice, names, share, advance))
     return sorted(found, key=lambda each: each.score)

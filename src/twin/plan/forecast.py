@@ -23,6 +23,7 @@ from twin.identify.least_squares import (
     Termination,
     fit_starts,
     fit_starts_from_scratch,
+    minimise,
 )
 from twin.identify.logs import Log
 from twin.identify.parameters import (
@@ -37,7 +38,7 @@ from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TWIN_SELECTION, TwinProblem, assess_parameters, whiteness
 from twin.identify.verdicts import ParameterVerdict
-from twin.identify.windows import cut, moving_spans
+from twin.identify.windows import Windows, cut, moving_spans
 from twin.scenario.schema import Scenario
 from twin.shadow.belief import Belief
 
@@ -52,6 +53,7 @@ class ForecastConstants:
             begins.
         size_iterations: Number of estimates of the sizes of unknown motion.
         start_steps: Largest number of steps by which the start of a window is found.
+        fit_steps: Largest number of steps of a fit by which an even screen is tried.
         max_information_share: Eigenvalue of the scaled information, 1 if all parameters differ,
             below which the parameters of its direction cannot be told apart.
         min_direction_share: Component of a parameter in such a direction above which it is named.
@@ -63,12 +65,19 @@ class ForecastConstants:
     initial_force_m_s2: float = 1e-3
     size_iterations: int = 2
     start_steps: int = 8
+    fit_steps: int = 10
     max_information_share: float = 0.05
     min_direction_share: float = 0.35
     worst_ratio: float = 100.0
 
 
 FORECAST = ForecastConstants()
+
+
+def find_information(fit: Fit[TwinProblem]) -> Array:
+    """Expected information J'J of the parameters and what is known before, shape (P, P)."""
+    slopes = fit.found.linearisation.eliminate_starts()[0][0, ..., 1:]
+    return np.asarray(np.einsum("wmi,wmj->ij", slopes, slopes)) + np.diag(fit.problem.known[1])
 
 
 @dataclass(frozen=True)
@@ -81,19 +90,13 @@ class ExpectedFit(Fit[TwinProblem]):
 
     how: ForecastConstants = FORECAST
 
-    @property
-    def information(self) -> Array:
-        """Expected information J'J of the parameters and what is known before, shape (P, P)."""
-        slopes = self.found.linearisation.eliminate_starts()[0][0, ..., 1:]
-        return np.asarray(np.einsum("wmi,wmj->ij", slopes, slopes)) + np.diag(self.problem.known[1])
-
     def estimate(self) -> Estimate:
         """The parameters and their uncertainty as ``identify`` has it, over draws of the noise.
 
         From white residuals the part is taken that the parameters would explain. The bootstrap
         draws of all draws of the noise are one sample.
         """
-        line, information = self.found.linearisation, self.information
+        line, information = self.found.linearisation, find_information(self)
         slopes = line.eliminate_starts()[0][0, ..., 1:]
         noise = np.random.default_rng(0)
         found = []
@@ -205,48 +208,64 @@ def forecast_log(
             raise LogError(f"{known.length:.0f} s are too short: fewer than 3 windows to fit")
     except LogError as error:
         return RigForecast(why=str(error).removeprefix(f"{log.source}: "))
-    spread = truth.plant.surface.spread_percent / 100
-    uneven = spread > 0 or belief.values["dwell"] > 0
-    fitted = fitted_parameters((*names, *AT_REST) if uneven else names)
-    theta = np.array([[belief.values.get(name, 0.0) for name in fitted]])
-    problem = TwinProblem(windows, fitted, log.model, belief.grip, noise=TWIN_SELECTION.noise)
-    fit = _expect(problem, theta, (spread, how.initial_force_m_s2) if uneven else None, how)
+    fit = _expect_even(log, belief, windows, names, how) or _expect_uneven(
+        log, belief, windows, names, how
+    )
     asked = tuple(name for name in names if name not in HIDDEN_PARAMETERS)
     left = whiteness(Fit(fit.problem, fit.found))
     return RigForecast(
         verdicts=assess_parameters(asked, fit, drives, left),
-        indistinct=tuple(find_indistinct(fitted, fit.information, how)),
+        indistinct=tuple(find_indistinct(fit.problem.names, find_information(fit), how)),
     )
 
 
-def _expect(
-    problem: TwinProblem,
-    theta: Array,
-    sizes: tuple[float, float] | None,
-    how: ForecastConstants,
-) -> ExpectedFit:
-    """The fit at known parameters, without the windows that they do not explain.
+def _expect_even(
+    log: Log, belief: Belief, windows: Windows, names: tuple[str, ...], how: ForecastConstants
+) -> Fit[TwinProblem] | None:
+    """The fit on an even screen; None if ``identify`` would find that it does not explain the log.
 
-    Args:
-        problem: With all windows.
-        theta: The parameters, shape (1, P).
-        sizes: First guess of the size of unknown motion, see ``TwinProblem``; None for none.
-        how: Constants of the forecast.
+    On an even rig it is at the rig's own numbers. On any other it is at the numbers that come
+    nearest, with the residuals of the run: what the model lacks makes more of them than the noise.
     """
+    fitted = fitted_parameters(names)
+    problem = TwinProblem(windows, fitted, log.model, belief.grip, noise=TWIN_SELECTION.noise)
+    theta = np.array([[belief.values[name] for name in fitted]])
+    starts = fit_starts_from_scratch(problem, theta, how.start_steps)
+    if not belief.scenario.plant.surface.spread_percent and not belief.values["dwell"]:
+        return ExpectedFit(*_leave_out(problem, _at(problem, theta, starts)), how)
+    found = minimise(problem, theta, starts, how.fit_steps, polish=2)
+    fit = Fit(*_leave_out(problem, found))
+    enough = len(fit.problem.windows) >= TWIN_SELECTION.even_screen_share * len(windows)
+    return fit if enough and whiteness(fit).white else None
 
-    def at(problem: TwinProblem, starts: Array) -> Minimum:
-        line = problem.linearise(theta, starts)
-        reached = Termination(CONVERGED, 0, 0)
-        return Minimum(theta, starts, problem.cost(line.r), line, reached)
 
-    found = at(problem, fit_starts_from_scratch(problem, theta, how.start_steps))
-    if sizes is not None:
-        for _ in range(how.size_iterations):
-            problem = problem.whiten(found, sizes)
-            found = at(problem, fit_starts(problem, theta, found.starts, how.start_steps))
-            sizes = problem.estimate_sizes(found)
+def _expect_uneven(
+    log: Log, belief: Belief, windows: Windows, names: tuple[str, ...], how: ForecastConstants
+) -> ExpectedFit:
+    """The fit on an uneven screen, with ageing contacts and other unknown forces."""
+    fitted = fitted_parameters((*names, *AT_REST))
+    problem = TwinProblem(windows, fitted, log.model, belief.grip, noise=TWIN_SELECTION.noise)
+    theta = np.array([[belief.values[name] for name in fitted]])
+    found = _at(problem, theta, fit_starts_from_scratch(problem, theta, how.start_steps))
+    spread = belief.scenario.plant.surface.spread_percent / 100
+    sizes = (spread, how.initial_force_m_s2)
+    for _ in range(how.size_iterations):
         problem = problem.whiten(found, sizes)
-        found = at(problem, found.starts)
+        starts = fit_starts(problem, theta, found.starts, how.start_steps)
+        found = _at(problem, theta, starts)
+        sizes = problem.estimate_sizes(found)
+    problem = problem.whiten(found, sizes)
+    return ExpectedFit(*_leave_out(problem, _at(problem, theta, found.starts)), how)
+
+
+def _at(problem: TwinProblem, theta: Array, starts: Array) -> Minimum:
+    """Parameters, shape (1, P), and starts, shape (4, 1, W), as the result of a fit."""
+    line = problem.linearise(theta, starts)
+    return Minimum(theta, starts, problem.cost(line.r), line, Termination(CONVERGED, 0, 0))
+
+
+def _leave_out(problem: TwinProblem, found: Minimum) -> tuple[TwinProblem, Minimum]:
+    """The problem and its fit without the windows that its parameters do not explain."""
     misfit = problem.misfit(found.linearisation.r)[0]
     most = TWIN_SELECTION.unexplained_misfit_ratio * max(1.0, float(np.median(misfit)))
     explained = misfit < most
@@ -256,4 +275,4 @@ def _expect(
             starts=found.starts[:, :, explained],
             linearisation=found.linearisation.take(explained),
         )
-    return ExpectedFit(problem, found, how)
+    return problem, found

@@ -338,7 +338,9 @@ def _sigma_points(before: Smoothed, belief: Belief) -> tuple[tuple[Array, Array]
     moved = mean + np.concatenate((np.zeros((1, windows, count)), *sides))
     every = np.tile(belief.theta[:, None], (len(moved), windows, 1))
     for k, name in enumerate(BALL_BELIEFS):
-        every[..., k] = np.maximum(every[..., k] + moved[..., k], BOUNDS[name].least)
+        about, believed = BOUNDS[name], every[..., k]
+        most = np.maximum(about.most, believed)
+        every[..., k] = np.clip(believed + moved[..., k], about.least, most)
     begun = end[:, None] + np.moveaxis(moved[..., len(BALL_BELIEFS) :], -1, 0)
     weights = np.full(len(moved), 1 / (2 * (count + SIGMA_POINT_WEIGHT)))
     weights[0] = SIGMA_POINT_WEIGHT / (count + SIGMA_POINT_WEIGHT)

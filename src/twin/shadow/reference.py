@@ -1,0 +1,97 @@
+"""The twin of a rig from a log of it while it was well, by which other logs are judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from twin.identify.any_rig import identify_axes
+from twin.identify.logs import read, read_any, wanted_columns
+from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE
+from twin.identify.report import write
+from twin.identify.twin_model import identify_twin
+from twin.identify.verdicts import IDENTIFIED_VERDICT, Identification
+from twin.scenario.load import load
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The twin that a reference log gives.
+
+    Attributes:
+        found: What was identified.
+        file: The identified parameters; None if there are none.
+        on: Rig, or file of parameters, that they lie over; empty for the thesis's rig.
+    """
+
+    found: Identification
+    file: Path | None
+    on: str = ""
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """The twin of the rig as settings of the shadow."""
+        source = self.file or self.on
+        return (f"parameters={source}",) if source else ()
+
+    def describe(self) -> str:
+        """What the twin knows of the rig, in a sentence."""
+        known = [
+            f"{each.label} {each.interval}" + (f" {each.about.unit}" if each.about.unit else "")
+            for each in self.found.verdicts
+            if each.word == IDENTIFIED_VERDICT
+        ]
+        what = (
+            "; ".join(known) or "nothing, so that the twin is the rig as the project describes it"
+        )
+        return f"reference {self.found.source}: identified: {what}."
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {
+            "source": self.found.source,
+            "parameters": [each.as_dict() for each in self.found.verdicts],
+        }
+
+
+def learn_reference(
+    log: Path,
+    folder: Path,
+    *,
+    on: str = "",
+    columns: str | None = None,
+    separator: str | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Reference:
+    """Identify a rig from a log of it while it was well.
+
+    Args:
+        log: Run folder, ``run.parquet`` or log, preferably recorded with the scenario ``excite``.
+        folder: Where the report of the identification and its parameters go.
+        on: Rig, or file of parameters, that what is found is to lie over; empty for the rig of the
+            log's run.
+        columns: Of a log of any rig, as ``identify`` takes them.
+        separator: Between these.
+        progress: Called with the share of the work done.
+
+    Raises:
+        LogError: If the log cannot be read, or nothing can be learned from it.
+        ScenarioError: If there is no such rig.
+        RecordError: If a file cannot be written.
+    """
+    found: Identification
+    ball = load("hold", [f"parameters={on}"]).plant.model if on else None
+    if columns is None:
+        found = identify_twin(read(log), DEFAULT_PARAMETERS, FITTED_SHARE, progress)
+    else:
+        logged = read_any(log, wanted_columns(columns), separator)
+        found = identify_axes(
+            [logged], 1 - FITTED_SHARE, progress=lambda share, _: progress(share), ball=ball
+        )
+    if on:
+        found = replace(found, on=on)
+    write(found, folder)
+    known = any(each.word == IDENTIFIED_VERDICT for each in found.verdicts)
+    return Reference(found, folder / "parameters.toml" if known else None, on)

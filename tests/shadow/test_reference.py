@@ -1,0 +1,76 @@
+"""`twin.shadow.reference`: A twin from a reference log judges other logs of the rig."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import ballplate as bp
+from twin.cli import main
+from twin.shadow.reference import Reference
+
+RIG = ("plant.friction.rolling_mm=0.23", "plant.level_deg=[0.2, -0.1]", "plant.step=0.002")
+"""A rig that differs from the usual one."""
+
+
+def ended(line, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(line.split())
+    return end.value.code, capsys.readouterr()
+
+
+@pytest.mark.long
+def test_a_healthy_log_raises_no_alarm_and_a_changed_level_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    later = 'change=[{at=26, set={"plant.level_deg"=[0.5, -0.1]}}]'
+    for name, more in (("first", ["seed=1"]), ("well", ["seed=2"]), ("tilted", ["seed=3", later])):
+        done = bp.run("excite", [*RIG, *more], duration=45)
+        done.export(f"{name}.csv")
+    line = "shadow well.csv tilted.csv --reference first.csv --out out --json"
+    code, told = ended(line, capsys)
+    found = json.loads(told.out)
+    assert code == 1
+    rolling = found["reference"]["parameters"][0]
+    assert rolling["low"] <= 0.23 <= rolling["high"]
+    assert found["logs"]["well"]["alarms"] == []
+    first = found["logs"]["tilted"]["alarms"][0]
+    assert 26 < first["time"] < 40
+    assert first["causes"][0]["name"] == "level"
+    assert (tmp_path / "out" / "tilted" / "shadow.html").is_file()
+    # without the reference, the twin is of another rig
+    assert ended("shadow well.csv --out other --json", capsys)[0] == 1
+
+
+MISTAKES = {
+    "shadow a.csv b.csv": "b.csv: several logs are judged with --reference LOG0 only",
+    "shadow a.csv one/a.csv --reference b.csv": "one/a.csv: two logs are called alike",
+    "shadow a.csv --reference no.csv": "log no.csv: not found",
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_a_mistake_is_one_line(line, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "one").mkdir()
+    for name in ("a.csv", "b.csv", "one/a.csv"):
+        (tmp_path / name).write_text("time\n")
+    code, told = ended(line, capsys)
+    assert code == 2
+    (said,) = told.err.splitlines()
+    assert said.startswith(f"ballplate: {MISTAKES[line]}")
+
+
+@pytest.mark.parametrize(
+    ("file", "on", "overrides"),
+    [
+        (Path("p.toml"), "hobby", ("parameters=p.toml",)),
+        (None, "hobby", ("parameters=hobby",)),
+        (None, "", ()),
+    ],
+)
+def test_what_is_not_identified_is_that_of_the_named_rig(file, on, overrides):
+    found = SimpleNamespace(verdicts=(), source="log")
+    reference = Reference(found, file, on)
+    assert reference.overrides == overrides
+    assert "identified: nothing" in reference.describe()
