@@ -28,14 +28,15 @@ EXTENDING = "\n".join(
 )
 SHOWING = (
     "README",
-    *(f"docs/{name}" for name in ("run", "see", "own-rig", "law", "wire", "thesis")),
+    *(f"docs/{name}" for name in ("run", "see", "own-rig", "one-axis", "law", "wire", "thesis")),
 )
 """The pages whose commands change scenarios."""
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 WRITTEN = {
     "bus-node.md", "can-findings.md", "can-trace.md", "controller-fmu.md",
     "explained.md", "extending.md", "fit.md", "from-matlab.md",
-    "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md",
+    "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "one-axis.md", "own-rig.md",
+    "python.md",
     "run.md", "see.md", "simulink.md", "solvers.md", "studies.md", "thesis.md", "tune.md",
     "tutorial.md", "whatif.md", "wire.md", "your-rig.md",
 }  # fmt: skip

@@ -13,7 +13,7 @@ from twin.base.errors import RecordError, ScenarioError
 from twin.base.followers import PARTS
 from twin.play.driven import Driven
 from twin.run.assemble import build_reference
-from twin.scenario.load import check, load, read, resolve
+from twin.scenario.load import check, clean, load, read, resolve
 from twin.view.html import html
 from twin.view.streams import signals
 
@@ -122,6 +122,13 @@ def test_a_scenario_made_for_one_axis_is_not_said_to_lose_one():
     one = load("circle", ["plant.axes=1", "plant.kind=lagrange"])
     assert one.title == load("circle").title
     assert not build_reference(one)(np.linspace(0, 9, 99))[..., 1].any()
+
+
+def test_the_clean_model_of_a_tube_has_one_axis_and_no_walls():
+    model = clean(load("circle", ["parameters=beam", "reference.amplitude=0.05"]))
+    assert model.plant.axes == 1
+    assert model.plant.rim.size == (0.0, 0.0)
+    assert not build_reference(model)(np.linspace(0, 20, 99))[..., 1].any()
 
 
 def test_what_a_scenario_starts_with_along_y_is_left_out_on_a_tube():

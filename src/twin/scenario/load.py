@@ -128,9 +128,9 @@ def clean(scenario: Scenario) -> Scenario:
     """The same controller and motion on the equations (5.9) that the controller is designed on.
 
     Nothing a scenario may say of its rig is left but the ball and the plate's height that the
-    designer knows, where the ball starts, the plate's size, control period and limits: no friction,
-    tilt or mechanism, no dead time, quantisation or noise, no computing time, no board, and no
-    predictor, which has nothing to predict.
+    designer knows, where the ball starts, the plate's size and axes, control period and limits: no
+    friction, tilt, wall or mechanism, no dead time, quantisation or noise, no computing time, no
+    board, and no predictor, which has nothing to predict.
     """
     known = scenario.designed_on
     none = (0.0, 0.0)
@@ -138,6 +138,7 @@ def clean(scenario: Scenario) -> Scenario:
     tables_of: dict[str, Any] = {
         "plant": {
             "kind": "lagrange",
+            "axes": scenario.plant.axes,
             "ball_spin": "thesis",
             "step": scenario.plant.step,
             "size": scenario.plant.size,
