@@ -685,6 +685,29 @@ class _Filter:
         return np.array(out)
 
 
+ALONG_X = np.array([1.0, 0.0])
+"""Factors of x and y that leave x alone."""
+
+
+@dataclass(frozen=True)
+class AlongX(Reference):
+    """What a reference does along x, with y at rest on 0: for a rig of one axis.
+
+    Attributes:
+        whole: The reference.
+    """
+
+    whole: Reference
+
+    def __post_init__(self) -> None:
+        """Have the name of the whole."""
+        object.__setattr__(self, "name", self.whole.name)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        return self.whole(t) * ALONG_X
+
+
 class Harmonic(NamedTuple):
     """S sin(omega t) + C cos(omega t) from a time on.
 
@@ -735,7 +758,19 @@ def closed_form(reference: Reference) -> ClosedForm | None:
         return reference._motion.form()
     if isinstance(reference, Setpoints) and kind is Setpoints and reference.before is None:
         return reference._filter.form()
-    return None
+    return _form_along_x(reference)
+
+
+def _form_along_x(reference: Reference) -> ClosedForm | None:
+    """The closed form of an ``AlongX``, that of its whole without y; None of any other."""
+    form = closed_form(reference.whole) if isinstance(reference, AlongX) else None
+    if form is None:
+        return None
+    wave = form.harmonic
+    if wave is not None:
+        wave = wave._replace(sine=wave.sine * ALONG_X, cosine=wave.cosine * ALONG_X)
+    offsets, terms = form.offsets * ALONG_X, form.terms * ALONG_X
+    return form._replace(offsets=offsets, terms=terms, harmonic=wave)
 
 
 def _harmonic_form(motion: Oscillation, since: float) -> ClosedForm:

@@ -4,7 +4,7 @@ from itertools import groupby
 
 from docs.pages import HERE, filled, write
 from twin.base.followers import FREE, PARTS, Effect, Followers
-from twin.scenario.describe import about, every_kind, find_keys
+from twin.scenario.describe import Key, about, every_kind, find_keys
 from twin.scenario.schema import REGISTER, left_out
 
 OPEN_WORDS = {"source": "parameter", "identify": "fitted", "symbols": "symbol"}
@@ -13,8 +13,9 @@ OPEN_WORDS = {"source": "parameter", "identify": "fitted", "symbols": "symbol"}
 
 def page() -> str:
     """Every setting, as Markdown of several pages."""
-    tables = groupby(find_keys(), lambda key: key.key.rpartition(".")[0])
-    groups = [(name, list(keys)) for name, keys in tables]
+    groups: dict[str, list[Key]] = {}
+    for key in find_keys():
+        groups.setdefault(key.key.rpartition(".")[0], []).append(key)
     kinds = groupby(every_kind().items(), lambda kind: kind[0].partition(".")[0])
     followers = {
         key: {part: word(setting.followed_by, part) for part in PARTS}
@@ -23,7 +24,7 @@ def page() -> str:
     reasons = {part: grouped(left_out(part)) for part in PARTS}
     return filled(
         "settings",
-        groups=groups,
+        groups=list(groups.items()),
         kinds=kinds,
         about=about,
         followers=followers,

@@ -30,7 +30,7 @@ EXTENDING = "\n".join(
 )
 SHOWING = (
     "README",
-    *(f"docs/{name}" for name in ("run", "see", "own-rig", "law", "wire", "thesis")),
+    *(f"docs/{name}" for name in ("run", "see", "own-rig", "one-axis", "law", "wire", "thesis")),
 )
 """The pages whose commands change scenarios."""
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
@@ -38,7 +38,8 @@ WRITTEN = {
     "board-cure.md", "bus-node.md", "can-findings.md", "can-trace.md", "connect.md",
     "controller-fmu.md", "core.md", "course-in-ten-steps.md", "explained.md", "extending.md",
     "fit.md", "from-matlab.md",
-    "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md",
+    "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "one-axis.md", "own-rig.md",
+    "python.md",
     "rig-in-ten-steps.md", "run.md", "see.md", "simulink.md", "solvers.md", "studies.md",
     "thesis.md", "tune.md", "tutorial.md", "version-0.1.0.md", "whatif.md", "wire.md",
     "your-rig.md",

@@ -410,6 +410,29 @@ def quickly_compiled(monkeypatch):
     monkeypatch.setattr("twin.fmu.export.COMPILER_FLAGS", ("-std=c99", "-fPIC", "-shared"))
 
 
+ONE_AXIS = {
+    "plant__axes": 1,
+    "reference__kind": "hold",
+    "plant__rim__size": [0.09, 0.0],
+    "plant__level_deg": [0.5, 0.0],
+    "plant__servo__vibration": 2.0,
+    "disturbance__variance": [1e-4, 3e-5],
+    "sensors__encoders__variance": [1e-8, 1e-8],
+}
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("quickly_compiled")
+def test_a_rig_of_one_axis_is_that_of_the_twin(tmp_path):
+    c = CRig(made(tmp_path, duration=0.02, **ONE_AXIS), exact(seed=7, **ONE_AXIS))
+    ours, notes = both(exact(seed=7, **ONE_AXIS), c, 700, seed=7)
+    x, phi, y, theta = ours[:, 6], ours[:, 8], ours[:, 10], ours[:, 12]
+    assert x.any()
+    assert phi.any()
+    assert not np.stack((y, theta, *ours[:, 2:4].T)).any()
+    assert not any(stopped for stopped, _, _ in notes)
+
+
 @pytest.mark.usefixtures("quickly_compiled")
 @pytest.mark.parametrize("ball_spin", ["locked", pytest.param("thesis", marks=pytest.mark.long)])
 def test_a_ball_without_a_free_spin_is_that_of_the_twin(library, tmp_path, ball_spin):

@@ -43,6 +43,7 @@ OTHER = {
     "plant.start.x_rate": "0.2",
     "plant.start.y_rate": "0.2",
     "plant.start.spin": "20.0",
+    "plant.axes": "1",
     "plant.rim.size": "[0.06, 0.06]",
     "plant.rim.restitution": "0.7",
     "plant.surface.spread_percent": "20.0",

@@ -17,7 +17,7 @@ BALL = {
     "plant.plate.height": "0.1",
 }
 """Keys of ball and plate, for which a controller is designed unless it is told of another."""
-KEPT = {"plant.kind", "plant.step", "plant.size", "plant.shape", "sensors.ideal"} | {
+KEPT = {"plant.kind", "plant.step", "plant.size", "plant.axes", "plant.shape", "sensors.ideal"} | {
     f"plant.start.{name}" for name in ("x", "y", "x_rate", "y_rate")
 }
 OF_THE_RIG = {

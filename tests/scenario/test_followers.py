@@ -63,6 +63,7 @@ FRAMES = {"sensors.touch.frame_rate": "100.0"}
 BESIDE = {
     **dict.fromkeys(CRANKS, CRANKS),
     **dict.fromkeys(ROWS, ROWS),
+    "plant.axes": {"reference.kind": "sine", "reference.amplitude": "[0.1, 0.0]"},
     "plant.shape": {
         "plant.size": "[0.5, 0.5]",
         "rig.limits.area": "[0.15, 0.15]",

@@ -101,8 +101,12 @@ class Rig:
 
     def _hold(self) -> None:
         """Be ready, with the plate held at its measured angle."""
-        self.supervisor.powered(self._servos.plate())
+        self.supervisor.powered(self._of_axes(self._servos.plate()))
         self._anchor()
+
+    def _of_axes(self, pairs: Array) -> Array:
+        """Numbers of (phi, theta) or (x, y), shape (N, 2), those of an axis that it lacks 0."""
+        return np.where((True, False), pairs, 0.0) if self.supervisor.axes == 1 else pairs
 
     def __exit__(self, *_: object) -> None:
         try:
@@ -141,8 +145,8 @@ class Rig:
         touch = self._screen.read()
         plate = self._servos.plate()
         y = np.empty((len(plate), 4))
-        y[..., 0::2] = touch.position
-        y[..., 1::2] = plate
+        y[..., 0::2] = self._of_axes(touch.position)
+        y[..., 1::2] = self._of_axes(plate)
         self.supervisor.watch(y, touch.touched)
         for device in self._fault_sources:
             for fault in device.faults():
@@ -165,7 +169,7 @@ class Rig:
         self._unanchored += 1
         if self._unanchored >= self._anchor_ticks:
             self._anchor()
-        applied = self.supervisor.clamp(rate)
+        applied = self.supervisor.clamp(self._of_axes(rate))
         self._plate = self._plate + self._period * applied
         motor = self._transmission.motor(self._plate)
         self._servos.command((motor - self._motor) / self._period)

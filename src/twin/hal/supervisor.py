@@ -198,6 +198,8 @@ class Supervisor:
         """Plate rate commanded last, rad/s."""
         self.angle: Array = np.zeros((rigs, 2))
         """Plate angle: integral of the commanded rates, corrected by the measured angle, rad."""
+        self.axes = 2
+        """Number of axes of the rigs; of 1 theta and y are always 0."""
         self.all_running = False
         """Whether every rig follows its controller."""
         self.notes: list[Note] = []
@@ -307,9 +309,9 @@ class Supervisor:
             beyond = ~within
             beyond[:, 0::2] &= touched[:, None] | ~np.isnan(y[:, 0::2])
             outside, tilted = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
-            where = "ball at ({:.3f}, {:.3f}) m left the area"
+            where = f"ball at {self._of_axes('.3f')} m left the area"
             self._judge(BALL_OUTSIDE, outside, y[:, 0::2], where)
-            where = "plate at ({:.2f}, {:.2f}) deg past its limit"
+            where = f"plate at {self._of_axes('.2f')} deg past its limit"
             self._judge(PLATE_TILTED, tilted, np.degrees(plate), where)
         self.angle = correct_angle(self.angle, drift, self._drift_share)
         if not every(touched):
@@ -347,7 +349,8 @@ class Supervisor:
         if some(further):
             which = further.any(axis=1)
             degrees = np.degrees(tilt)
-            text = "plate tilts further though it is levelled, ({:.2f}, {:.2f}) deg by now"
+            now = f"{self._of_axes('.2f')} deg by now"
+            text = f"plate tilts further though it is levelled, {now}"
             self._judge(NOT_LEVELLING, which, degrees, text, State.HOLDING)
 
     def _watch_speed(self, ball: Array, touched: Mask) -> None:
@@ -356,7 +359,7 @@ class Supervisor:
         fast = (moved > self._way).any(axis=1)
         if some(fast):
             speed = moved / (self._paces * self._period)
-            self._judge(BALL_FAST, fast, speed, "ball at ({:.2f}, {:.2f}) m/s is too fast")
+            self._judge(BALL_FAST, fast, speed, f"ball at {self._of_axes('.2f')} m/s is too fast")
         self._before = np.where(touched[:, None], ball, np.nan)
 
     def clamp(self, rate: Array) -> Array:
@@ -367,7 +370,7 @@ class Supervisor:
         """
         if not finite(rate):
             bad = np.asarray(~np.isfinite(rate).all(axis=-1))
-            self._judge(BAD_REQUEST, bad, rate, "controller asked for ({}, {}) rad/s")
+            self._judge(BAD_REQUEST, bad, rate, f"controller asked for {self._of_axes('')} rad/s")
             rate = np.where(bad[:, None], 0.0, rate)
         if self.all_running:
             rate = self._clamp(rate, self.rate, self.angle)
@@ -384,6 +387,11 @@ class Supervisor:
         requested = np.where(state == State.RUNNING, rate, held)
         dead = (state == State.FAULT) | (state == State.OFF) | (state == State.INITIALISING)
         return np.where(dead, 0.0, self._clamp(requested, self.rate, self.angle))
+
+    def _of_axes(self, form: str) -> str:
+        """Where a text has a number of each axis, or that of the only one."""
+        each = f"{{:{form}}}"
+        return f"({each}, {each})" if self.axes == 2 else each
 
     def _judge(
         self,

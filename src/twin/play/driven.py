@@ -12,7 +12,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.controller import Controller, SampledReference
 from controllers.interfaces import Law, Measurement, Reference
-from controllers.references import Setpoints
+from controllers.references import ALONG_X, AlongX, Setpoints
 from twin.base.errors import ScenarioError
 from twin.hal.rig import Entry
 from twin.run.assemble import RigChanges, assemble, build_controller, build_reference
@@ -252,7 +252,14 @@ class Driven:
     @property
     def reference(self) -> Reference:
         """The path to follow."""
-        return self.goals or build_reference(self.scenario)
+        if self.goals is None:
+            return build_reference(self.scenario)
+        return self.goals if self.scenario.plant.axes == 2 else AlongX(self.goals)
+
+    @property
+    def _axes(self) -> Array:
+        """Factors of x and y: 0 of an axis that the rig lacks, shape (2,)."""
+        return np.ones(2) if self.scenario.plant.axes == 2 else ALONG_X
 
     def goal(self, time: float, x: float, y: float) -> Driven:
         """With one more goal from a time in s on, taken into the operating area; m.
@@ -262,7 +269,7 @@ class Driven:
         """
         _of_now(self.scenario, "is no goal's: nobody knows the next one", goal=True)
         area = np.asarray(self.scenario.rig.limits.area, float)
-        x, y = np.clip((x, y), -area, area).tolist()
+        x, y = (np.clip((x, y), -area, area) * self._axes).tolist()
         if self.goals is None:
             before = self.scenario.reference.model_dump(mode="json")
             goals = Setpoints(points=((time, x, y),), before=before)
@@ -274,7 +281,8 @@ class Driven:
 
     def push(self, time: float, x_rate: float, y_rate: float) -> Driven:
         """With one more push: change of the ball's velocity in m/s, at most `MAX_PUSH_M_S`."""
-        x, y = np.clip((x_rate, y_rate), -MAX_PUSH_M_S, MAX_PUSH_M_S).tolist()
+        pushed = np.clip((x_rate, y_rate), -MAX_PUSH_M_S, MAX_PUSH_M_S) * self._axes
+        x, y = pushed.tolist()
         return replace(self, pushes=(*self.pushes, (time, x, y)))
 
     def settings(self, time: float, values: Mapping[str, Any]) -> Driven:

@@ -23,6 +23,7 @@ from twin.play.session import (
     Settings,
     Status,
 )
+from twin.run.record import of_axes
 from twin.run.tables import flat
 from twin.scenario.describe import every_kind
 from twin.scenario.schema import Dimensions, choices
@@ -54,7 +55,10 @@ class Plate(Drawn, component="plate.js"):
     """
 
     def __init__(self, size: Dimensions, goal: Moved, push: Moved) -> None:
-        sizes = {"size": size.screen, "area": size.area, "ball": [size.ball]}
+        screen, area = size.screen, size.area
+        if size.axes == 1:  # as wide as can be seen; goals lie on the line
+            screen, area = (screen[0], max(screen[0] / 5, 4 * size.ball)), (area[0], 0.0)
+        sizes = {"size": screen, "area": area, "ball": [size.ball]}
         millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
         super().__init__(**millimetres, round=size.round, drives=False)
         self.on("goal", lambda event: _pass_pair(goal, event.args))
@@ -72,6 +76,14 @@ class Sides(Drawn, component="tilt.js"):
 
 class Strips(Drawn, component="strips.js"):
     """Error, plate angle and effort over the last seconds."""
+
+
+def strips_of(axes: int) -> list[dict[str, Any]]:
+    """What the strips of a rig with so many axes show."""
+    return [
+        each | {"curves": [curve for curve in each["curves"] if of_axes(curve[:1], axes)]}
+        for each in PLOT_STRIPS
+    ]
 
 
 def _pass_pair(done: Moved, given: Any) -> None:
@@ -140,7 +152,9 @@ def shown_by(tables: Mapping[str, Any], slider: Slider) -> float:
 def sliders(tables: Mapping[str, Any]) -> list[Slider]:
     """The sliders of a scenario's plant, sensors and predictor."""
     predictor = [] if tables.get("predictor") is None else [PREDICTOR]
-    return [*PLANT_SLIDERS, *predictor]
+    axes = value_in(tables, "plant.axes") or 2
+    plant = [each for each in PLANT_SLIDERS if each.entry is None or each.entry < axes]
+    return [*plant, *predictor]
 
 
 def complete(tables: Mapping[str, Any]) -> dict[str, Any]:
@@ -229,11 +243,13 @@ class Page:
                         self.plate = plate.style("flex:99 1 18rem;min-width:0")
                         halves = zip(PAGE_TABLES["sides"], size.screen, strict=True)
                         sides = [each | {"half": 500 * side} for each, side in halves]
-                        self.sides = Sides(sides=sides).style("flex:1 1 16rem;min-width:0")
+                        shown = Sides(sides=sides[: size.axes])
+                        self.sides = shown.style("flex:1 1 16rem;min-width:0")
                     self._legend()
                 self._buttons()
                 with ui.card().style("width:100%;padding:.6rem;height:19rem"):
-                    self.strips = Strips(strips=PLOT_STRIPS).style("width:100%;height:100%")
+                    strips = Strips(strips=strips_of(size.axes))
+                    self.strips = strips.style("width:100%;height:100%")
             with ui.card().style("flex:1 1 20rem;gap:.35rem;padding:.8rem"):
                 self._choices()
         self._say()

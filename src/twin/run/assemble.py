@@ -34,6 +34,7 @@ from controllers.controller import (
     needed_columns,
 )
 from controllers.interfaces import ControlLaw, DelayedObserver, Law, Observer, Reference
+from controllers.references import ALONG_X, AlongX
 from twin.base.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.base.settings import from_changes, from_scenarios, per_rig, settings_of, value_of
 from twin.hal.cams import CamTable, FixedRatio
@@ -125,8 +126,8 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
     """The mechanism of a scenario for a picture; a plate of a different size is drawn alone."""
     from twin.sim.plant.model import drawn_model  # noqa: PLC0415  heavy: loaded when needed
 
-    screen, area, _, rounded = scenario.dimensions
-    return drawn_model(parts_of(scenario), screen, area, rounded=rounded)
+    drawn = scenario.dimensions
+    return drawn_model(parts_of(scenario), drawn.screen, drawn.area, rounded=drawn.round)
 
 
 def linkage_of(scenario: Scenario) -> Transmitting | None:
@@ -614,6 +615,8 @@ def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Ref
         motion: Array = reference(times)
     if not np.isfinite(motion).all():
         raise ScenarioError("reference: it or a derivative of it is no finite number at some time")
+    if scenario.plant.axes == 1 and motion[..., 1].any():
+        reference, motion = AlongX(reference), motion * ALONG_X
     farthest = np.abs(motion[0]).max(axis=0)
     if (farthest > area + 1e-9).any():
         fits = "; --on RIG, one with such an area, makes it smaller" if allowed is not None else ""
@@ -634,7 +637,7 @@ def _build(table: str, choice: schema.Choice, **given: object) -> Any:
 
 
 SHARED_KEYS = (
-    *("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal"),
+    *("plant.kind", "plant.step", "plant.axes", "rig.period", "duration", "sensors.ideal"),
     *(about.key for cls in (Linkage, TiltTable) for about in settings_of(cls).values()),
 )
 """Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen, and
@@ -718,6 +721,7 @@ def build_rig(
         ideal=scenarios[0].sensors.ideal,
         anchor=anchor,
     )
+    rig.supervisor.axes = scenarios[0].plant.axes
     if changeable or any(scenario.change for scenario in scenarios):
         rig.changes = changing(rig, rig.devices, transmission, scenarios)
     return rig
@@ -771,6 +775,7 @@ def build_devices(
         encoders=encoders or from_scenarios(EncoderModel, scenarios),
         drives=from_scenarios(simulated.DriveModel, scenarios),
         hold=holds[0] if len(set(holds)) == 1 else np.array(holds),
+        axes=scenarios[0].plant.axes,
         seeds=seeds,
     )
 

@@ -513,10 +513,9 @@ class Signals(Mapping[str, "Array"]):
         Raises:
             RecordError: If there is none of that name.
         """
-        try:
-            return self.rows[name]
-        except KeyError:
-            raise RecordError(f"no column '{name}'{nearest(name, self.rows)}") from None
+        if name not in self:
+            raise RecordError(f"no column '{name}'{nearest(name, self)}")
+        return self.rows[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self.rows
@@ -555,5 +554,5 @@ class Signals(Mapping[str, "Array"]):
         Raises:
             RecordError: If the ending is none of these, or the file cannot be written.
         """
-        export(Path(file), self.rows, self.units, self.about)
+        export(Path(file), dict(self), self.units, self.about)
         return Path(file)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -42,7 +42,15 @@ from twin.run.metrics import (
     find_rest,
     measure,
 )
-from twin.run.record import CHANNELS, Recorder, classes_of, read_metadata, read_run, write_run
+from twin.run.record import (
+    CHANNELS,
+    Recorder,
+    classes_of,
+    of_axes,
+    read_metadata,
+    read_run,
+    write_run,
+)
 from twin.scenario.load import always_friction, check, load_recorded
 from twin.scenario.schema import Dimensions, Scenario, choices
 
@@ -75,7 +83,8 @@ class Run(files.Signals):
     Attributes:
         name: Its name in plots and tables.
         scenario: What was asked for.
-        rows: Column name to values, shape (K,).
+        rows: Column name to values, shape (K,); of a rig of one axis the mapping leaves out the
+            columns of the second, which are 0.
         units: Column name to unit.
         metrics: Its indicators by name, as ``metrics.json`` has them, in SI units but for those
             that say percent or deg; None for one that does not apply.
@@ -149,7 +158,7 @@ class Run(files.Signals):
             scenario,
             {"time": record.time, **{column: values for column, _, values in columns}},
             {"time": "s", **{column: unit for column, unit, _ in columns}},
-            measure(motion, outcome, **dict(scenario.metrics)),
+            measure(motion, outcome, axes=scenario.plant.axes, **dict(scenario.metrics)),
             events=tuple(
                 {"time": time, "severity": str(note.condition.severity), "text": note.text}
                 for time, note in journal
@@ -162,6 +171,15 @@ class Run(files.Signals):
         )
         vars(run)["motion"] = motion
         return run
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.rows and bool(of_axes([str(name)], self.scenario.plant.axes))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(of_axes(self.rows, self.scenario.plant.axes))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
 
     @property
     def outcome(self) -> str:
@@ -610,7 +628,8 @@ def open_run(path: Path) -> list[Run]:
 
 def judged_as(run: Run, ended: Outcome) -> Run:
     """A run that nobody could judge when it ended, as one that ended so."""
-    return replace(run, metrics=measure(run.motion, ended, **dict(run.scenario.metrics)))
+    axes, judging = run.scenario.plant.axes, dict(run.scenario.metrics)
+    return replace(run, metrics=measure(run.motion, ended, axes=axes, **judging))
 
 
 def _check_rows(values: Mapping[str, Array], source: str) -> None:

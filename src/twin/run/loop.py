@@ -316,7 +316,8 @@ def simulate(
         motion = Motion.of(record, desired[paths[at]], at, seen=seen)
         if not late[index]:
             motion = replace(motion, lateness=None)
-        found.append(measure(motion, outcome, **dict(scenario.metrics)))
+        axes = scenario.plant.axes
+        found.append(measure(motion, outcome, axes=axes, **dict(scenario.metrics)))
     return found
 
 

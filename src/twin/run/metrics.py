@@ -161,7 +161,12 @@ def against_python(board: Array, requested: Array, supervisor: Array, period: fl
 
 
 def measure(
-    motion: Motion, outcome: Outcome, *, start: float = 0.0, band_percent: float = 5.0
+    motion: Motion,
+    outcome: Outcome,
+    *,
+    start: float = 0.0,
+    band_percent: float = 5.0,
+    axes: int = 2,
 ) -> dict[str, Any]:
     """Judge one rig's motion, of a run that was stopped up to then.
 
@@ -170,6 +175,7 @@ def measure(
         outcome: How it ended.
         start: Time in s from which steady tracking is evaluated.
         band_percent: Settling band in % of the way to a constant goal.
+        axes: Number of axes of the rig; of 1 nothing is indicated of the second.
 
     Returns:
         The indicators by name, as of ``unjudged``. Of the whole run, on x: ``rms_error``,
@@ -187,15 +193,16 @@ def measure(
         "phi_max_deg": float(np.degrees(np.abs(motion.plate[:, 0]).max())),
         "theta_max_deg": float(np.degrees(np.abs(motion.plate[:, 1]).max())),
     }
+    second = dict.fromkeys(("theta_max_deg", "u2_max")) if axes == 1 else {}
     motion = motion.until(outcome.time)  # what a stopped rig does then is no tracking
     if len(motion.time) == 0:
-        return ending | _finite(found)
+        return ending | _finite(found) | second
     error = motion.error
     steady = motion.time >= start - 1e-9
     found |= {
         "u1_max": float(np.abs(motion.u[:, 0]).max()),
         "u2_max": float(np.abs(motion.u[:, 1]).max()),
-        "u_rms": _rms(motion.u),
+        "u_rms": _rms(motion.u[:, :axes]),
     }
     if motion.lateness is not None:
         found["late_percent"] = 100 * float((motion.lateness > 0).mean())
@@ -206,7 +213,7 @@ def measure(
             found["instructions_median"] = round(float(np.median(counted)))
             found["instructions_max"] = round(float(counted.max()))
     if outcome.ending.value in LOST_ENDINGS:
-        return ending | _finite(found)
+        return ending | _finite(found) | second
     along = error[:, 0]
     found |= {"rms_error": _rms(along), "mean_error": float(np.abs(along).mean())}
     if steady.any():
@@ -215,7 +222,7 @@ def measure(
             found["max_steady_error"] = float(np.abs(error[steady, 0]).max())
         found["rms_distance"] = float(np.sqrt((error[steady] ** 2).sum(axis=-1).mean()))
     found |= _approach(motion, band_percent)
-    return ending | _finite(found)
+    return ending | _finite(found) | second
 
 
 def outcome_only(outcome: Outcome) -> dict[str, Any]:

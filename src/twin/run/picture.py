@@ -79,6 +79,8 @@ REFERENCE_STYLE: dict[str, Any] = {
     "linestyle": (0, (1, 1.5)),
     "zorder": 5,
 }
+WALL_STYLE: dict[str, Any] = {"color": "0.55", "linewidth": 2.0}
+"""Style of the lines in the panels of x and y where walls stop the ball."""
 SECOND_AXIS_STYLE: dict[str, Any] = {"alpha": 0.55, "linestyle": (0, (4, 1.5))}
 """Style of theta, which is drawn with phi in one panel."""
 MAX_TITLE_LETTERS = 100
@@ -106,6 +108,23 @@ PANEL_PLACES: dict[str, list[float]] = {
 }
 """Left, bottom, width and height of each panel. To have matplotlib find them costs half as much
 again as the whole picture: it draws every text to see how large it is."""
+
+
+def _panel_tables(plate: Dimensions) -> dict[str, dict[str, Any]]:
+    """The panels that the picture of a rig has, by name."""
+    if plate.axes == 2:
+        return _PANEL_TABLES
+    own = {name: about.get("of_one_axis") for name, about in _PANEL_TABLES.items()}
+    return {
+        name: {
+            **_PANEL_TABLES[name],
+            "place": table["place"],
+            "words": _PANEL_TABLES[name]["words"] | table.get("words", {}),
+        }
+        for name, table in own.items()
+        if table is not None
+    }
+
 
 REFERENCE_LABEL = "reference"
 HAVE_NO_REFERENCE = ("error", "angle", "effort")
@@ -220,12 +239,15 @@ def panel(runs: Mapping[str, Motion], name: str, plate: Dimensions, width_mm: fl
     Raises:
         ScenarioError: If there is no such panel, or the width is not 30 to 400 mm.
     """
-    if name not in PANEL_PLACES:
-        raise ScenarioError(f"panel '{name!s:.40}': unknown{nearest(str(name), PANEL_PLACES)}")
+    tables = _panel_tables(plate)
+    if name not in tables:
+        known = nearest(str(name), PANEL_PLACES)
+        lacks = ": a rig of one axis has none" if name in PANEL_PLACES else f": unknown{known}"
+        raise ScenarioError(f"panel '{name!s:.40}'{lacks}")
     if not isinstance(width_mm, Real) or not MIN_WIDTH_MM <= width_mm <= MAX_WIDTH_MM:
         limits = f"{MIN_WIDTH_MM:g} to {MAX_WIDTH_MM:g}"
         raise ScenarioError(f"width_mm: must be {limits}, got {width_mm!r}")
-    *_, wide, high = PANEL_PLACES[name]
+    *_, wide, high = tables[name]["place"]
     with mpl.rc_context({**RC_PARAMETERS, "font.size": PAPER_FONT_PT}):
         width = width_mm / MM_PER_INCH
         shape = high / wide if name == "plate" else max(high / wide, LEAST_SHAPE)
@@ -233,7 +255,7 @@ def panel(runs: Mapping[str, Motion], name: str, plate: Dimensions, width_mm: fl
         FigureCanvasAgg(figure)
         panels = {each: figure.add_subplot() for each in PANEL_PLACES}
         _draw(panels, runs, plate)
-        entries = _panel_legend(panels["plate"], name)
+        entries = _panel_legend(panels["plate"], name, plate.axes)
         for each in PANEL_PLACES.keys() - {name}:
             panels[each].remove()
         for words in panels[name].texts:
@@ -248,7 +270,7 @@ def panel(runs: Mapping[str, Motion], name: str, plate: Dimensions, width_mm: fl
     return figure
 
 
-def _panel_legend(plate: Axes, name: str) -> list[tuple[Artist, str]]:
+def _panel_legend(plate: Axes, name: str, axes: int) -> list[tuple[Artist, str]]:
     """The entries of the legend of a single panel, from those of the whole picture."""
     entries: list[tuple[Artist, str]] = []
     for handle, label in zip(*plate.get_legend_handles_labels(), strict=True):
@@ -257,7 +279,7 @@ def _panel_legend(plate: Axes, name: str) -> list[tuple[Artist, str]]:
                 entries.append((handle, "held by friction"))
         elif label != REFERENCE_LABEL or name not in HAVE_NO_REFERENCE:
             entries.append((handle, label))
-    if name in ("angle", "effort"):
+    if name in ("angle", "effort") and axes == 2:
         entries.append((Line2D([], [], color="black"), "φ"))
         entries.append((Line2D([], [], color="black", **SECOND_AXIS_STYLE), "θ"))
     return entries
@@ -272,6 +294,7 @@ def _arrange_panels(
         figsize=(PICTURE_WIDTH_PT / POINTS_PER_INCH, PANELS_HEIGHT_PT / POINTS_PER_INCH),
     )
     FigureCanvasAgg(figure)
+    tables = _panel_tables(plate)
     # of their true size from the start, on which it depends which ticks there are
     panels = {
         name: figure.add_axes(
@@ -285,21 +308,28 @@ def _arrange_panels(
         for name, (left, low, wide, high) in PANEL_PLACES.items()
     }
     _draw(panels, runs, plate)
-    _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
+    legend = _legend(figure, panels["plate"], len(runs))
+    for name in PANEL_PLACES.keys() - tables.keys():
+        panels.pop(name).remove()
+    places = {name: about["place"] for name, about in tables.items()}
+    _place(figure, panels, places, legend, title)
     return figure
 
 
 def _draw(panels: Mapping[str, Axes], runs: Mapping[str, Motion], plate: Dimensions) -> None:
     """Draw runs into the panels."""
     _outline(panels["plate"], plate)
+    for name, between in zip("xy", plate.rim, strict=True):
+        for side in (-500, 500) if between else ():
+            panels[name].axhline(side * (between - 2 * plate.ball), **WALL_STYLE)
     # seen last at the edge of the screen: it left the plate
     lost = [
         bool((plate.within(m.ball[-1], EDGE_DISTANCE_M) != m.ball[-1]).any()) for m in runs.values()
     ]
     for index, (label, motion) in enumerate(runs.items()):
-        _add(panels, motion, label, index, lost=lost[index])
+        _add(panels, motion, label, index, plate.axes, lost=lost[index])
     _refer(panels, runs)
-    _label(panels)
+    _label(panels, plate)
     shade(panels, runs, RUN_COLOURS)
     if any(lost):
         panels["plate"].plot([], [], "X", color=NEUTRAL_GREY, label="left the plate")
@@ -315,7 +345,13 @@ def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
     return figure.legend(*zip(*entries, strict=True), loc="lower center", ncols=columns)
 
 
-def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: str) -> None:
+def _place(
+    figure: Figure,
+    panels: Mapping[str, Axes],
+    places: Mapping[str, Sequence[float]],
+    legend: Legend,
+    title: str,
+) -> None:
     """Put all in its place: the legend below, the title above."""
     lines = textwrap.wrap(title, MAX_TITLE_LETTERS, max_lines=3, placeholder=" ...")
     bottom = POINTS_PER_INCH * legend.get_window_extent().height / figure.dpi + ROOM_BELOW_PT
@@ -329,7 +365,7 @@ def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: st
     if lines:
         top = 1 - 5 / height
         figure.suptitle(literal("\n".join(lines)), fontsize=TITLE_SIZE_PT, fontweight="bold", y=top)
-    for name, (left, low, wide, high) in PANEL_PLACES.items():
+    for name, (left, low, wide, high) in places.items():
         panel = panels[name]
         panel.set_position(
             (
@@ -368,12 +404,18 @@ def _same_reference(motion: Motion, longest: Motion) -> bool:
 
 def _outline(panel: Axes, plate: Dimensions) -> None:
     screen, area = plate.screen, plate.area
-    for (width, height), style in ((screen, "-"), ((2 * area[0], 2 * area[1]), "--")):
+    # walls that one axis alone has go to the edges of the plate along the other
+    walls = tuple(b or s for b, s in zip(plate.rim, screen, strict=True)) if any(plate.rim) else ()
+    lines = ((screen, "-", 1.0), ((2 * area[0], 2 * area[1]), "--", 1.0), (walls, "-", 2.0))
+    for sides, style, thick in lines:
+        if not sides:
+            continue
+        width, height = sides
         size = (1000 * width, 1000 * height)
         edge: Patch = Rectangle((-500 * width, -500 * height), *size)
         if plate.round and style == "-":
             edge = Ellipse((0, 0), *size)
-        edge.set(fill=False, ec="0.55", ls=style, lw=1)
+        edge.set(fill=False, ec="0.55", ls=style, lw=thick)
         panel.add_patch(edge)
     panel.text(-490 * screen[0], 471 * screen[1], "plate", color="0.4", va="top", fontsize=8)
     panel.text(-990 * area[0], 985 * area[1], "operating area", color="0.4", va="top", fontsize=8)
@@ -381,7 +423,9 @@ def _outline(panel: Axes, plate: Dimensions) -> None:
     panel.grid(visible=False)
 
 
-def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, lost: bool) -> None:
+def _add(
+    panels: Mapping[str, Axes], motion: Motion, label: str, index: int, axes: int, *, lost: bool
+) -> None:
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
     ball = 1000 * motion.ball
@@ -397,21 +441,22 @@ def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, 
     plate = np.degrees(motion.plate)
     other: dict[str, Any] = {**look, **SECOND_AXIS_STYLE}
     panels["angle"].plot(motion.time, plate[:, 0], **look)
-    panels["angle"].plot(motion.time, plate[:, 1], **other)
     panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, "linewidth": 0.8})
-    panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, "linewidth": 0.8})
+    if axes == 2:
+        panels["angle"].plot(motion.time, plate[:, 1], **other)
+        panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, "linewidth": 0.8})
 
 
-def _label(panels: Mapping[str, Axes]) -> None:
-    error = panels["error"]
+def _label(panels: Mapping[str, Axes], plate: Dimensions) -> None:
+    tables, error = _panel_tables(plate), panels["error"]
     lines = [np.asarray(line.get_ydata(), float) for line in error.lines]
     top = max((float(each[np.isfinite(each)].max(initial=0.0)) for each in lines), default=0.0)
-    for name, panel in panels.items():
-        panel.set(**_PANEL_TABLES[name]["words"])
+    for name, about in tables.items():
+        panels[name].set(**about["words"])
     error.set(ylim=(0, max(1.05 * top, LEAST_ERROR)))
-    for name in ("x", "angle"):
+    for name in ("x", "angle") if plate.axes == 2 else ():
         panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
-    for name, least in ((name, about.get("least", 0.0)) for name, about in _PANEL_TABLES.items()):
+    for name, least in ((name, about.get("least", 0.0)) for name, about in tables.items()):
         low, high = map(float, panels[name].get_ylim())
         if high - low < least:
             middle = (low + high) / 2

@@ -56,6 +56,22 @@ explains; ``board`` if the controller is a program: its instructions, and what P
 a different path because the plate cannot give the reference, else NaN."""
 
 
+SECOND_AXIS_WORDS = frozenset(("y", "theta"))
+"""Parts of the name of a column by which it is of the second axis."""
+
+
+def of_axes(columns: Iterable[str], axes: int) -> list[str]:
+    """Those of some columns that a rig with so many axes has."""
+    return [name for name in columns if axes == 2 or SECOND_AXIS_WORDS.isdisjoint(name.split("_"))]
+
+
+def _axes_in(metadata: Mapping[str, Any]) -> int:
+    """Number of axes of the rig of a record."""
+    tables: Any = metadata.get("scenario")
+    plant = tables.get("plant") if isinstance(tables, dict) else None
+    return 1 if isinstance(plant, dict) and plant.get("axes") == 1 else 2
+
+
 @dataclass
 class Recorder:
     """Keeps N rigs' channels in memory, one entry a control period.
@@ -214,6 +230,8 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
     import pyarrow.parquet as pq  # noqa: PLC0415
 
     columns = [("time", "s", recorder.time), *recorder.columns()]
+    names = set(of_axes([name for name, *_ in columns], _axes_in(metadata)))
+    columns = [each for each in columns if each[0] in names]
     arrays = [_arrow(values) for *_, values in columns]
     schema, seal = _seal_schema({name: unit for name, unit, _ in columns}, metadata)
     seal = _digest(seal, map(_bytes, arrays))
@@ -321,6 +339,8 @@ def _unit(item: pa.Field) -> str:
 def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, Any]]:
     """Columns, their units and the metadata of a ``run.parquet`` or ``run.arrows``.
 
+    Of a rig of one axis the file lacks the columns of the second; here they are 0.
+
     Raises:
         RecordError: If it cannot be read or was not written by this program.
     """
@@ -352,9 +372,21 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
         raise RecordError(f"{file}: metadata 'ballplate': {error}") from error
     if not isinstance(metadata, dict):
         raise RecordError(f"{file}: metadata 'ballplate': not a JSON object")
+    if _axes_in(metadata) == 1:
+        _add_second_axis(columns, units)
     if TORN_KEY in about:
         metadata["incomplete"] = [f"{file.name}: {about[TORN_KEY].decode()}"]
     return columns, units, metadata
+
+
+def _add_second_axis(columns: dict[str, Array], units: dict[str, str]) -> None:
+    """Add the columns of the second axis to every channel that has some of the first."""
+    for channel in CHANNELS.values():
+        lacking = set(channel.columns) - set(of_axes(channel.columns, 1)) - columns.keys()
+        if lacking and not columns.keys().isdisjoint(channel.columns):
+            known = dict(zip(channel.columns, channel.units, strict=True))
+            for name in lacking:
+                columns[name], units[name] = np.zeros_like(columns["time"]), known[name]
 
 
 TORN_KEY = b"ballplate.torn"

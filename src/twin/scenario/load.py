@@ -128,9 +128,9 @@ def clean(scenario: Scenario) -> Scenario:
     """The same controller and motion on the equations (5.9) that the controller is designed on.
 
     Nothing a scenario may say of its rig is left but the ball and the plate's height that the
-    designer knows, where the ball starts, the plate's size, control period and limits: no friction,
-    tilt or mechanism, no dead time, quantisation or noise, no computing time, no board, and no
-    predictor, which has nothing to predict.
+    designer knows, where the ball starts, the plate's size and axes, control period and limits: no
+    friction, tilt, wall or mechanism, no dead time, quantisation or noise, no computing time, no
+    board, and no predictor, which has nothing to predict.
     """
     known = scenario.designed_on
     none = (0.0, 0.0)
@@ -138,6 +138,7 @@ def clean(scenario: Scenario) -> Scenario:
     tables_of: dict[str, Any] = {
         "plant": {
             "kind": "lagrange",
+            "axes": scenario.plant.axes,
             "ball_spin": "thesis",
             "step": scenario.plant.step,
             "size": scenario.plant.size,
@@ -267,29 +268,50 @@ def _merge_tables(
     """Tables with those of a parameter file and, over that, settings.
 
     Where the operating area is then smaller than the one that a scenario was made for, the lengths
-    of its reference, and where the ball starts, become smaller in proportion; the title states it.
+    of its reference, and where the ball starts, become smaller in proportion. On a rig of one axis
+    the reference does what it does along x. The title states both.
     """
     merged = put(laid_over(tables, more), settings)
     try:
         limits = (each.get("rig", {}).get("limits", {}) for each in (tables, merged))
         was, now = (each.get("area", schema.RigLimitsTable().area) for each in limits)
-        share = min(new / old for new, old in zip(now, was, strict=True))
-        if share >= 1:
+        axes = [each.get("plant", {}).get("axes", 2) for each in (tables, merged)]
+        areas = list(zip(now, was, strict=True))[: axes[1]]
+        share = min(1.0, *(new / old for new, old in areas))
+        one_left = axes[1] < axes[0]
+        if share >= 1 and not one_left:
             return merged
         own, kind = tables["reference"], merged["reference"].get("kind")
         own = own if own.get("kind") == kind else {"kind": kind}
         cls: Any = schema.choices("reference")[kind]
         known = {name: own.get(name, getattr(cls, name, None)) for name in cls.lengths}
-        smaller = {name: _times(value, share) for name, value in known.items() if np.any(value)}
+        lengths = known.items() if share < 1 else ()
+        smaller = {name: _times(value, share) for name, value in lengths if np.any(value)}
         found = copy.deepcopy(dict(tables)) | {"reference": {**own, **smaller}}
         start = found.get("plant", {}).get("start", {})
         start.update({key: _times(start[key], share) for key in start.keys() & set("xy")})
+        for key in ("y", "y_rate", "spin") if one_left else ():
+            start.pop(key, None)
     except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError):
         return merged  # the check of the tables reports the mistake
     found = put(laid_over(found, more), settings)
-    if found["reference"] != merged["reference"] and "title" not in dict(settings):
-        found["title"] = f"{found.get('title')}, lengths x {share:.3g}"
+    stated = [f"lengths x {share:.3g}"] * (found["reference"] != merged["reference"])
+    stated += ["along x"] * (one_left and _goes_along_y(found["reference"]))
+    if stated and "title" not in dict(settings):
+        found["title"] = f"{found.get('title')}, {', '.join(stated)}"
     return found
+
+
+def _goes_along_y(table: Mapping[str, Any]) -> bool:
+    """Whether a reference ever leaves the x axis; False of one that its check will refuse."""
+    try:
+        cls: Any = schema.choices("reference")[table["kind"]]
+        settings = {key: value for key, value in table.items() if key != "kind"}
+        with np.errstate(all="ignore"):
+            motion = cls(**schema.checked_settings(cls, settings))(np.linspace(0, 60, 601))
+    except (KeyError, TypeError, ValueError):
+        return False
+    return bool(motion[..., 1].any())
 
 
 def _times(value: Any, share: float) -> Any:

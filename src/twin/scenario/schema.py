@@ -267,6 +267,12 @@ KNOWN_CAMS = dataclasses.replace(
     identify="has the plate's angles from its encoders",
     symbols="have the plate's acceleration as their input",
 )
+NUMBER_OF_AXES = dataclasses.replace(
+    SHAPE_OF_PLATE,
+    mechanism="is a plate that tilts about two axes",
+    identify="fits the two axes of a plate",
+    symbols="have a plate of two axes",
+)
 HELD_NOISE = dataclasses.replace(
     SHAPE_OF_PLATE,
     source=FREE,
@@ -287,6 +293,8 @@ class PlantKeys(Section):
     """The mechanism in MuJoCo, or the exact equations of a ball that rolls."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     """Time step of the simulation in s; for the mechanism at most 0.002."""
+    axes: Annotated[Literal[1, 2], NUMBER_OF_AXES] = 2
+    """Number of axes: 2 of a plate, or 1 of a tube or beam, which has x and phi alone."""
     shape: Annotated[Literal["rectangle", "round"], SHAPE_OF_PLATE] = "rectangle"
     """Shape of the plate: a rectangle, or round with the diameter plant.size = [d, d]."""
     ball_spin: Annotated[BallSpin, SPIN_OF_BALL] = "free"
@@ -333,11 +341,13 @@ class PlantKeys(Section):
             )
         if disc and x != y:
             yield f"plant.size: of a round plate its diameter twice, got {x:g} and {y:g}"
-        for axis, side in zip("xy", (x, y), strict=True):
+        for axis, side in zip("xy"[: self.axes], (x, y), strict=False):
             if abs(vars(start)[axis]) > side / 2:
                 yield f"plant.start.{axis}: the plate's half is {side / 2:g} m"
         if disc and math.hypot(start.x, start.y) > x / 2:
             yield f"plant.start: the round plate's radius is {x / 2:g} m"
+        if self.axes == 1:
+            yield from self._one_axis_problems()
         yield from self._rim_problems()
         if mechanism and self.step > 0.002:
             yield f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
@@ -350,10 +360,28 @@ class PlantKeys(Section):
         yield inner["ball"].problem()
         yield inner["surface"].problem()
 
+    def _one_axis_problems(self) -> Iterator[str]:
+        inner: Any = vars(self)
+        start, surface = inner["start"], inner["surface"]
+        across = {
+            "start.y": start.y,
+            "start.y_rate": start.y_rate,
+            "start.spin": start.spin,
+            "level_deg.1": inner["level_deg"][1],
+            "camber.1": inner["camber"][1],
+            "surface.slope_deg": surface.slope_deg,
+            "surface.height_um": surface.height_um,
+        }
+        for key, value in across.items():
+            if value:
+                yield f"plant.{key}: leave it out with plant.axes = 1, which has no y"
+        if self.shape == "round":
+            yield "plant.shape: must be 'rectangle' with plant.axes = 1"
+
     def _rim_problems(self) -> Iterator[str]:
         inner: Any = vars(self)
         rim, start, ball = inner["rim"].size, inner["start"], 2 * inner["ball"].radius
-        for axis, between, side in zip("xy", rim, inner["size"], strict=True):
+        for axis, between, side in zip("xy"[: self.axes], rim, inner["size"], strict=False):
             if between and not ball < between <= side:
                 yield (
                     f"plant.rim.size: must be 0 along {axis}, for no walls, or above the ball's "
@@ -684,12 +712,16 @@ class Dimensions(NamedTuple):
         area: Operating area |x|, |y|, m.
         ball: Radius of the ball, m.
         round: Whether the screen is round.
+        axes: Number of axes, 2, or 1 of a tube or beam along x.
+        rim: Distances between opposite walls along x and y, m; 0 for none.
     """
 
     screen: tuple[float, float]
     area: tuple[float, float]
     ball: float
     round: bool = False
+    axes: int = 2
+    rim: tuple[float, float] = (0.0, 0.0)
 
     def within(self, place: Array, margin: float) -> Array:
         """A place (2,) in m, or where it is nearest to on the screen without a margin in m."""
@@ -767,14 +799,19 @@ class Scenario(Section):
             yield problem
         yield from self._transmission_problems()
         (x, y), area = self.plant.size, self.rig.limits.area
-        if 2 * area[0] > x or 2 * area[1] > y:
-            yield f"rig.limits.area: the plate's half is {x / 2:g}, {y / 2:g} m"
+        one = self.plant.axes == 1
+        if 2 * area[0] > x or (2 * area[1] > y and not one):
+            half = f"{x / 2:g}" if one else f"{x / 2:g}, {y / 2:g}"
+            yield f"rig.limits.area: the plate's half is {half} m"
         elif self.plant.shape == "round" and 2 * math.hypot(*area) > x:
             most = x / 2 / math.hypot(*area)
             yield (
                 f"rig.limits.area: its corners must lie on the round plate of radius {x / 2:g} m, "
                 f"as those of [{most * area[0]:.3g}, {most * area[1]:.3g}] do"
             )
+        for key in ("sensors.touch.rotation_deg", "rig.cam_coupling_percent") if one else ():
+            if value_of(self, key):
+                yield f"{key}: must be 0 with plant.axes = 1, which has no second axis"
         if self.metrics.start >= self.duration:
             yield (
                 f"metrics.start: {self.metrics.start:g} s is not before the end at "
@@ -830,7 +867,8 @@ class Scenario(Section):
         """Screen, operating area and ball."""
         plant = self.plant
         edge = plant.shape == "round"
-        return Dimensions(plant.size, self.rig.limits.area, plant.ball.radius, edge)
+        area, ball = self.rig.limits.area, plant.ball.radius
+        return Dimensions(plant.size, area, ball, edge, plant.axes, plant.rim.size)
 
     @property
     def without_computing_time(self) -> Scenario:

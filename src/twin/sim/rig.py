@@ -601,6 +601,7 @@ class SimulatedDevices:
         encoders: Imperfections of the plate encoders.
         drives: Imperfections of the drives beyond those of the plant, and their disturbance.
         hold: Control periods for which noise and disturbance are held.
+        axes: How many axes the rigs have; of 1 nothing turns theta.
         seeds: One seed sequence per rig; it spawns those of screen, frames, encoders,
             disturbance, vibration.
     """
@@ -614,9 +615,10 @@ class SimulatedDevices:
         encoders: sensors.EncoderModel,
         drives: DriveModel,
         hold: sensors.HeldPeriods = 1,
+        axes: int = 2,
         seeds: Sequence[np.random.SeedSequence],
     ) -> None:
-        self.plant = plant
+        self.plant, self._axes = plant, axes
         self._steps = round(period / plant.step)
         self._period = period
         self._screen = sensors.SimulatedScreen(touch, period, seeds, hold)
@@ -672,6 +674,8 @@ class SimulatedDevices:
         if not self._disturbance.silent:
             self._drift += self._disturbance.draw()
             rate = rate + self._drift
+        if self._axes == 1:
+            rate = np.where((True, False), rate, 0.0)
         self.plant.advance(rate, self._steps)
         self._tick += 1
         self._look()

@@ -35,6 +35,7 @@ def details(runs: Sequence[Run]) -> Figure:
         panels = dict(zip(names, figure.subplots(1, len(names)), strict=True))
         for index, run in enumerate(runs):
             frequency, amplitude = spectrum(run)
+            amplitude = amplitude[:, : run.scenario.plant.axes]
             level = np.maximum(1000 * np.sqrt((amplitude**2).mean(axis=1)), 1e-6)
             look = {**style(index), "lw": 1}
             panels["spectrum"].loglog(frequency[1:], level[1:], label=literal(run.name), **look)

@@ -19,6 +19,7 @@ from twin.hal.interface import AXIS_NAMES
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import columns, states_of
+from twin.run.record import of_axes
 from twin.scenario.schema import Scenario
 from twin.sim.plant.model import screen_of
 from twin.view.lanes import (
@@ -231,7 +232,7 @@ LINE_TABLES = read_packaged("twin.view", "lines.toml")
 
 
 def signals(
-    rows: Mapping[str, Array], reference: Array, dead_time: float = 0.0
+    rows: Mapping[str, Array], reference: Array, dead_time: float = 0.0, axes: int = 2
 ) -> dict[str, dict[str, Array]]:
     """Group entity to the values of its lines, shape (K,), by name.
 
@@ -239,6 +240,7 @@ def signals(
         rows: Recorded columns, (K,) each.
         reference: Desired ball position in m, shape (K, 2).
         dead_time: Dead time of the simulated screen, s.
+        axes: Number of axes of the rig; of 1 no line is of the second.
     """
     kind = "true" if "true_x" in rows else "estimated"
     error = reference - states_of(rows)[:, 0::4]
@@ -253,7 +255,8 @@ def signals(
     found = {}
     for entity, about in LINE_TABLES.items():
         at = {name: column.replace("STATE", kind) for name, column in about["lines"].items()}
-        plot = {name: about.get("factor", 1.0) * own[c] for name, c in at.items() if c in own}
+        drawn = {name: c for name, c in at.items() if c in own and of_axes([c], axes)}
+        plot = {name: about.get("factor", 1.0) * own[c] for name, c in drawn.items()}
         if plot:
             found[entity] = plot
     return found
@@ -397,7 +400,7 @@ class RunStream:
         """The lines of the time plots: group to name to values."""
         reference = self._reference(rows["time"])[0]
         dead_time = self.scenario.sensors.touch.dead_time
-        plots = signals(rows, reference, dead_time)
+        plots = signals(rows, reference, dead_time, self.scenario.plant.axes)
         if self._among is None:
             return plots
         return {group: telling(plot, self._among) for group, plot in plots.items()}

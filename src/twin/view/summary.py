@@ -140,7 +140,8 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
 
     def fit(delay: float, every: int = 1) -> tuple[float, float]:
         desired = reference(np.maximum(time[::every] - delay, 0.0))[0]
-        gain = float((desired * ball[::every]).sum() / max((desired**2).sum(), 1e-12))
+        # never below 0: along a line half a period late is the other way round
+        gain = max(0.0, float((desired * ball[::every]).sum() / max((desired**2).sum(), 1e-12)))
         return gain, _rms(gain * desired - ball[::every])
 
     coarse = np.arange(-0.2, min(MAX_LAG_S, float(np.ptp(time)) / 2), COARSE_LAG_STEP_S)
@@ -255,7 +256,8 @@ def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     start = run.scenario.metrics.start
     partial = 0 < start < (run.metrics.get("outcome_time") or run.scenario.duration)
     since = f" from {start:.4g} s on" if partial else ""
-    return f"{share}{_mm(found.rms)} RMS over x and y{since}"
+    over = "x" if run.scenario.plant.axes == 1 else "x and y"
+    return f"{share}{_mm(found.rms)} RMS over {over}{since}"
 
 
 def _is_goal_still(run: Run) -> bool:

@@ -791,6 +791,12 @@ static void encoders(const Rig *rig, double angle[2]) {
 static const double ANGLE_SLACK = 0.5 * 0.017453292519943295; /* rad */
 static const double DRIFT_TIME = 0.1, LOST_AFTER = 0.1, PACE = 0.04, ANCHOR = 0.02; /* s */
 
+/* What there is not of a rig of one axis. */
+static void of_axes(double pair[2]) {
+    for (int i = AXES; i < 2; i++)
+        pair[i] = 0;
+}
+
 static void judge(Rig *rig, int is, int fault) {
     if (is && rig->running && !rig->fault)
         rig->fault = fault;
@@ -857,10 +863,11 @@ static void command(Rig *rig, double rate[2]) {
         memcpy(rig->aimed, rig->believed, sizeof rig->aimed);
     if (in_full)
         reckoned(rig, before);
-    int sound = isfinite(v[RATE_PHI]) && isfinite(v[RATE_THETA]);
-    judge(rig, !sound, BAD_REQUEST);
+    double asked[2] = {v[RATE_PHI], v[RATE_THETA]};
+    of_axes(asked);
+    judge(rig, !(isfinite(asked[0]) && isfinite(asked[1])), BAD_REQUEST);
     for (int i = 0; i < 2; i++) {
-        wanted[i] = rig->fault ? levelling(rig, i) : v[RATE_PHI + i];
+        wanted[i] = rig->fault ? levelling(rig, i) : asked[i];
         rig->commanded[i] = clamped(rig, i, wanted[i]);
         rig->believed[i] += PERIOD * rig->commanded[i];
         rig->aimed[i] += PERIOD * rig->commanded[i];
@@ -896,6 +903,8 @@ static void measure(Rig *rig) {
     rig->felt[slot] = !rig->fallen && !unseen;
     touch(rig, ball, &age, &felt);
     encoders(rig, plate);
+    of_axes(ball);
+    of_axes(plate);
     if (rig->tick == 0) { /* the drives hold the plate where it is measured */
         memcpy(rig->believed, plate, sizeof plate);
         memcpy(rig->aimed, plate, sizeof plate);
@@ -991,6 +1000,7 @@ void model_advance(Rig *rig) {
         rig->drift[i] += drawn(rig, SHAKE_PHI + i, variance, rig->tick);
         mean[i] += rig->drift[i];
     }
+    of_axes(mean);
     have_age(rig);
     move(rig, mean);
     rig->tick++;

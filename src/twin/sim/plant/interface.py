@@ -250,7 +250,7 @@ class Parts:
         "plant.ball.mass", 0.024, followed_by=BALL_FOLLOWERS, otherwise=None, gt=0
     )
     radius: float | None = setting(
-        "plant.ball.radius", 0.02, followed_by=BALL_FOLLOWERS, otherwise=None, ge=0.005, le=0.05
+        "plant.ball.radius", 0.02, followed_by=BALL_FOLLOWERS, otherwise=None, ge=0.002, le=0.05
     )
     inertia: float | None = jump(
         "plant.ball.inertia", 6.4e-6, followed_by=BALL_FOLLOWERS, otherwise=None, gt=0
