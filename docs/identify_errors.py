@@ -392,7 +392,7 @@ def make_page(found: dict[str, list[dict[str, Any]]]) -> str:
 @click.command()
 @click.option("--rigs", type=click.IntRange(1), default=12, help="Rigs of each kind.")
 def main(rigs: int) -> None:
-    """What identify says of rigs that its model does not describe."""
+    """Verdicts of identify on rigs that its model does not describe."""
     found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     with progress("rigs", rigs * len(KINDS)) as advance:
         for k in range(rigs * len(KINDS)):

@@ -225,7 +225,7 @@ class Row(NamedTuple):
 ENDED = {
     "nobody": "goes on",
     "host's levelling": "level",
-    "`stop`": "told to be level",
+    "`stop`": "commanded level",
     "board's watchdog": "level by itself",
 }
 """What the plate is brought to, by who does it; the servos of this board keep their torque."""

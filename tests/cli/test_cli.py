@@ -116,8 +116,9 @@ def test_progress_says_what_is_done_of_how_much(monkeypatch, terminal):
 
 
 def test_every_command_that_a_page_shows_can_be_typed(ballplate, own_laws, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where the pages' reader has made the law that they speak of
+    monkeypatch.chdir(tmp_path)  # where the pages' reader has made the law and the lab they name
     assert ballplate("new", "law", "mine")[0] == 0
+    assert ballplate("lab", "new", "hold_it")[0] == 0
     shutil.copytree(ROOT / "examples" / "board", tmp_path / "examples" / "board")
     for page in PAGES:
         for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):

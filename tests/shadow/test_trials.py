@@ -213,7 +213,7 @@ def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
     (key, unit), *_ = identified.TRUTHS.values()
     half = "1 of 2 (9 to 91 %)"
     assert f"| {key} | {unit} | 2 of 2 | {half} | {half} | 0.25 | 0.3 |" in text
-    assert f"better than the nominal twin on {half} rigs" in text
+    assert f"better than the nominal one on {half} rigs" in text
     # Wilson: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n) with z = 1.96
     assert "| learning | 1 of 3 (6 to 79 %) | 1.50 | 1.50 to 2.50 |" in text
     assert "| the same runs without learning | 3 of 3 (44 to 100 %) | 1.50 | 1.50 to 7.00 |" in text
