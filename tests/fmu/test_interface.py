@@ -220,6 +220,7 @@ def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
     rest = {key for key, its in keys.items() if not its.plants} - named
     known = ("plant.surface.", "plant.camber", "plant.shape", "plant.kind", "plant.step")
     known += (
+        "plant.axes",
         "plant.ball_spin",
         "plant.ball.kind",
         "plant.linkage.phi_deg",

@@ -149,10 +149,13 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
     """What scenarios say of the exact equations: ball and its spin, friction, level, screen."""
+    level: Any = per_rig(settings_of(Parts)["level"], scenarios)
+    if scenarios[0].plant.axes == 1:  # nothing rolls along y
+        level = level * ALONG_X
     return {
         "model": scenarios[0].plant.model,
         "friction": build_friction(scenarios),
-        "level": per_rig(settings_of(Parts)["level"], scenarios),
+        "level": level,
         "size": per_rig(settings_of(TouchModel)["size"], scenarios),
         "rounded": [scenario.plant.shape == "round" for scenario in scenarios],
         "ball_spin": scenarios[0].plant.ball_spin,
@@ -783,7 +786,10 @@ def build_devices(
 def start_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
     """Put the balls where the scenarios start, the plates level."""
     start = from_scenarios(BallStart, scenarios)
-    plant.start(np.broadcast_to(start.ball, (plant.rigs, 4)), start.spin)
+    ball = np.array(np.broadcast_to(start.ball, (plant.rigs, 4)))
+    if scenarios[0].plant.axes == 1:
+        ball[:, 2:] = 0.0
+    plant.start(ball, start.spin)
 
 
 def build_limits(scenario: Scenario) -> Limits:

@@ -364,10 +364,7 @@ class PlantKeys(Section):
         inner: Any = vars(self)
         start, surface = inner["start"], inner["surface"]
         across = {
-            "start.y": start.y,
-            "start.y_rate": start.y_rate,
             "start.spin": start.spin,
-            "level_deg.1": inner["level_deg"][1],
             "camber.1": inner["camber"][1],
             "surface.slope_deg": surface.slope_deg,
             "surface.height_um": surface.height_um,

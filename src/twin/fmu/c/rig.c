@@ -258,7 +258,7 @@ typedef struct {
 
 static Ball ball_of(const double *v) {
     double m = v[PLANT_BALL_MASS], r = v[PLANT_BALL_RADIUS], J = v[PLANT_BALL_INERTIA];
-    double g = v[GRAVITY], phi = v[PLANT_LEVEL], theta = v[PLANT_LEVEL + 1];
+    double g = v[GRAVITY], phi = v[PLANT_LEVEL], theta = AXES == 1 ? 0 : v[PLANT_LEVEL + 1];
     Ball ball;
     double d = v[PLANT_PLATE_HEIGHT] + r, c4 = (J + d * m * r) / (m * r);
     ball.radius = r;
@@ -973,8 +973,8 @@ const char *model_begin(Rig *rig) {
     memcpy(rig->v, v, sizeof v);
     rig->x = v[PLANT_START_X];
     rig->vx = v[PLANT_START_X_RATE];
-    rig->y = v[PLANT_START_Y];
-    rig->vy = v[PLANT_START_Y_RATE];
+    rig->y = AXES == 1 ? 0 : v[PLANT_START_Y];
+    rig->vy = AXES == 1 ? 0 : v[PLANT_START_Y_RATE];
     rig->q = ball_of(v).share * v[PLANT_BALL_RADIUS] * v[PLANT_START_SPIN];
     have_age(rig);
     for (int i = 0; i < RING; i++) {
