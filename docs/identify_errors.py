@@ -12,6 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
 
 from controllers.arrays import Array
 
@@ -40,8 +42,9 @@ class Rig:
         play: Width of the gap between servo and plate, rad.
         filtered: Time constant of a filter of the positions.
         drift: By how much the clock of the positions goes faster, as a share.
-        irregular: By what share of a period the times of the positions are off.
-        command_step: Step of the commands, rad.
+        irregular: By what share of a period the times of rows are off at most.
+        told: Whether the log has these times; else it has even ones.
+        servo_step: Step of the servo, rad; the log has the finer command.
         softening: Share of the gain that is lost by rad of tilt.
         presliding: Way over which friction builds up, as Dahl has it.
     """
@@ -63,9 +66,14 @@ class Rig:
     filtered: float = 0.0
     drift: float = 0.0
     irregular: float = 0.0
-    command_step: float = 0.0
+    told: bool = True
+    servo_step: float = 0.0
     softening: float = 0.0
     presliding: float = 0.0
+
+    def turned(self, command: float) -> float:
+        """Where the servo turns by a command, rad."""
+        return round(command / self.servo_step) * self.servo_step if self.servo_step else command
 
 
 TUBE = Rig(
@@ -86,7 +94,7 @@ TUBE = Rig(
 def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Array, ...]:
     """Times of commands and of positions in s, positions in m, commands and plate angles in rad.
 
-    Semi-implicit Euler at 1 ms. The controller, proportional and differential on noisy positions,
+    Trapezoids of 1 ms. The controller, proportional and differential on noisy positions,
     follows steps and sines that change with the seed.
 
     Args:
@@ -109,7 +117,8 @@ def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Arra
         shown[k] = seen
         if t >= due:
             place = shown[max(0, k - after)] + rig.noise * rng.standard_normal()
-            place = round(place / rig.pixel) * rig.pixel if rig.pixel else place
+            if rig.pixel:
+                place = round(place / rig.pixel) * rig.pixel
             passed = max(t - then, h)
             speed += min(1.0, passed / 0.08) * ((place - last) / passed - speed)
             last, then = place, t
@@ -122,26 +131,125 @@ def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Arra
                 command = slow * (0.9 * (0.06 * target - place) - 0.45 * slow * speed)
                 command += 0.02 * math.sin(2.1 * t) + 0.015 * math.sin(5.3 * t + seed)
                 command = min(max(command, -0.14), 0.14)
-            if rig.command_step:
-                command = round(command / rig.command_step) * rig.command_step
-            rows.append((t, place, command))
-            due += (1 + rig.irregular * rng.uniform(-1, 1)) / rig.rate
+            rows.append((t if rig.told else len(rows) / rig.rate, place, command))
+            due = (len(rows) + rig.irregular * rng.uniform(-1, 1)) / rig.rate
         sent[k] = command
-        wanted = sent[max(0, k - before)]
-        servo += h / rig.lag * (wanted - servo) if rig.lag else wanted - servo
+        servo += (h / rig.lag if rig.lag else 1.0) * (rig.turned(sent[max(0, k - before)]) - servo)
+        before_step = plate
         plate = min(max(plate, servo - rig.play / 2), servo + rig.play / 2)
-        angles[k] = plate
-        push = rig.gain * plate * (1 - rig.softening * abs(plate)) + rig.level - rig.viscous * v
+        tilt = (before_step + plate) / 2
+        angles[k] = tilt
+        push = rig.gain * tilt * (1 - rig.softening * abs(tilt)) + rig.level - rig.viscous * v
         push += 0.0 if across is None else across[k]
+        was, v = v, v + h * push
         if rig.presliding:
-            bristle += h * v * (1 - math.copysign(bristle, v * bristle)) / rig.presliding
-            bristle = min(max(bristle, -1.0), 1.0)
-            v += h * (push - rig.friction * bristle)
+            bristle += h * (was - abs(was) * bristle) / rig.presliding
+            v -= h * rig.friction * bristle
         else:
-            v += h * push
             v -= math.copysign(min(abs(v), h * rig.friction), v)
-        x += h * v
+        x += h * (was + v) / 2
         if abs(x) > rig.stop:
             x, v = math.copysign(rig.stop, x), -rig.restitution * v
     time, ball, commands = np.array(rows).T
     return time, time * (1 + rig.drift), ball, commands, angles
+
+
+LEAD_S, AHEAD_S = 0.4, 1.0
+"""Windows of the plain model: time from which a prediction starts, and its length."""
+GRID_S = 0.01
+"""Step of its integrals."""
+
+
+@dataclass(frozen=True)
+class FiveNumbers:
+    """x'' = gain u(t - dead time, behind a lag) + offset - damping x'.
+
+    Attributes:
+        gain: m/s^2 by the unit of the command.
+        offset: m/s^2.
+        damping: 1/s.
+        dead_time: s.
+        lag: s.
+    """
+
+    gain: float
+    offset: float
+    damping: float
+    dead_time: float
+    lag: float
+
+
+def _responses(time: Array, command: Array, begin: Array, delays: Array) -> Array:
+    """Ways from rest by command and offset, and by a speed of 1 m/s, on a grid, (3, W, N)."""
+    dead_time, lag, damping = delays.tolist()
+    grid = np.arange(time[0], time[-1], GRID_S)
+    held = command[np.clip(np.searchsorted(time, grid, "right") - 1, 0, None)]
+    stay = math.exp(-GRID_S / lag) if lag > GRID_S / 10 else 0.0
+    lagged = lfilter([1 - stay], [1, -stay], held, zi=[stay * held[0]])[0]
+    since = GRID_S * np.arange(round((LEAD_S + AHEAD_S + 0.1) / GRID_S))
+    pushed = np.interp(begin[:, None] - LEAD_S + since - dead_time, grid, lagged)
+    keeps = 1 - damping * GRID_S
+    each = np.stack((pushed, np.ones_like(pushed)))
+    speed = lfilter([0, GRID_S], [1, -keeps], each, axis=-1)
+    way = lfilter([0, GRID_S], [1, -1], speed, axis=-1) + GRID_S / 2 * speed
+    rolls = lfilter([0, GRID_S], [1, -1], keeps ** np.arange(len(since)))
+    return np.concatenate((way, np.broadcast_to(rolls, (1, *way.shape[1:]))))
+
+
+def _rows(sampled: Array, ball: Array, begin: Array, ways: Array) -> list[tuple[Array, ...]]:
+    """Of each window: seconds since its beginning, positions, and the ways there, (3, K)."""
+    since, rows = GRID_S * np.arange(ways.shape[-1]), []
+    for w, at in enumerate(begin):
+        some = slice(*np.searchsorted(sampled, (at - LEAD_S, at + AHEAD_S + 0.05)))
+        here = sampled[some] - at + LEAD_S
+        rows.append((here, ball[some], np.stack([np.interp(here, since, e[w]) for e in ways])))
+    return rows
+
+
+def fit_five_numbers(time: Array, command: Array, sampled: Array, ball: Array) -> FiveNumbers:
+    """The plain model by least squares of windows with a free start each, as a textbook has it."""
+    begin = np.arange(sampled[0] + LEAD_S, sampled[-1] - AHEAD_S, AHEAD_S / 2)
+
+    def solve(delays: Array) -> tuple[float, Array]:
+        if (delays < 0).any() or delays[0] > 0.5 or delays[1] > 0.5 or delays[2] > 5:
+            return 1e9, np.zeros(2)
+        normal, size = np.zeros((3, 3)), 0
+        ways = _responses(time, command, begin, delays)
+        for _, where, way in _rows(sampled, ball, begin, ways):
+            if len(where) < 8:
+                continue
+            start = np.linalg.qr(np.stack((np.ones_like(where), way[2]), axis=-1))[0]
+            free = np.stack((way[0], way[1], where), axis=-1)
+            free = free - start @ (start.T @ free)
+            normal += free.T @ free
+            size += len(where)
+        found = np.linalg.lstsq(normal[:2, :2], normal[:2, 2], rcond=1e-12)[0]
+        return float(normal[2, 2] - found @ normal[:2, 2]) / max(size, 1), found
+
+    guesses = [(delay, lag, 0.1) for delay in (0.03, 0.1, 0.2) for lag in (0.01, 0.08)]
+    best = min(guesses, key=lambda each: solve(np.array(each))[0])
+
+    def cost(delays: Array) -> float:
+        return 1e6 * solve(delays)[0]
+
+    dead_time, lag, damping = minimize(cost, np.array(best), method="Nelder-Mead").x.tolist()
+    gain, offset = solve(np.array([dead_time, lag, damping]))[1].tolist()
+    return FiveNumbers(gain, offset, damping, dead_time, lag)
+
+
+def predict_five_numbers(
+    model: FiveNumbers, time: Array, command: Array, sampled: Array, ball: Array, begin: Array
+) -> Array:
+    """Errors of its predictions after 1 s in m, from some times in s on; NaN without a sample."""
+    ways = _responses(time, command, begin, np.array([model.dead_time, model.lag, model.damping]))
+    errors = np.full(len(begin), np.nan)
+    for w, (since, where, way) in enumerate(_rows(sampled, ball, begin, ways)):
+        lead, off = since < LEAD_S, np.abs(since - LEAD_S - AHEAD_S)
+        if lead.sum() < 3 or off.min() > 0.06:
+            continue
+        last = int(off.argmin())
+        pushed = model.gain * way[0] + model.offset * way[1]
+        start = np.stack((np.ones_like(since), way[2]), axis=-1)
+        begun = np.linalg.lstsq(start[lead], (where - pushed)[lead], rcond=None)[0]
+        errors[w] = (pushed + start @ begun - where)[last]
+    return errors

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.any_rig import AXIS_SELECTION, identify_axes
+from twin.identify.any_rig import AXIS_SELECTION, PLAIN_WHY, identify_axes
 from twin.identify.command_model import TiltHistory
-from twin.identify.first_look import WEAK_FORM, look_first
+from twin.identify.first_look import (
+    WEAK_FORM,
+    look_first,
+    look_plainly,
+    look_plainly_in_several_ways,
+)
 from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.plain_model import (
@@ -79,6 +84,39 @@ def test_a_first_look_leaves_out_where_the_ball_is_at_an_end_stop():
     assert whole is None or abs(whole.gain - 6.0) > 3 * abs(found.gain - 6.0)
 
 
+def linear_motion(gain, damping, delay):
+    """Times, an exact solution of x'' = gain u - damping x', and the command a delay before."""
+    time = np.arange(0.0, 40.0, 0.01)
+    ball, sent = np.zeros_like(time), np.zeros_like(time)
+    for size, w in ((0.03, 1.1), (0.02, 2.7), (0.02, 4.9)):
+        ball += size / w**2 * np.real(gain * np.exp(1j * w * time) / (-1 + 1j * damping / w))
+        sent += size * np.cos(w * (time + delay))
+    return time, ball, sent
+
+
+def test_the_plain_model_is_found_by_windows_of_any_motion():
+    gain, damping, delay = 6.0, 0.8, 0.15
+    time, ball, sent = linear_motion(gain, damping, delay)
+    for damped in (True, False):
+        found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9, damped=damped)
+        assert found.plain
+        assert (found.gain == pytest.approx(gain, rel=0.01)) == damped
+        assert (found.delay == pytest.approx(delay, abs=0.006)) == damped
+        assert (found.explained > 0.999) == damped
+    found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9)
+    assert found.damping == pytest.approx(damping, rel=0.02)
+    several = look_plainly_in_several_ways(AxisLog(time, sent, False, time, ball))
+    assert several[0].damping == pytest.approx(damping, rel=0.02)
+    assert len(several) == 4
+
+
+def test_no_negative_damping_is_believed():
+    time, ball, sent = linear_motion(6.0, -0.8, 0.15)
+    looks = look_plainly_in_several_ways(AxisLog(time, sent, False, time, ball))
+    assert looks
+    assert all(each.damping == 0 for each in looks)
+
+
 def test_a_ball_that_turns_at_the_same_places_is_at_no_end_stop():
     time = np.arange(0.0, 30.0, 0.02)
     slow, fast = 0.04 * np.sin(2.0 * time), 0.03 * np.sin(6.0 * time)
@@ -96,7 +134,7 @@ def test_a_first_look_says_nothing_of_a_log_that_shows_nothing(log, kind):
     if kind == "still":
         ball = 1e-4 * rng.standard_normal(len(ball))
     if kind == "noisy":
-        ball = ball + 0.01 * rng.standard_normal(len(ball))
+        ball = ball + 0.06 * rng.standard_normal(len(ball))
     if kind == "short":
         some = slice(30)
     if kind == "another command":
@@ -111,14 +149,21 @@ def test_identify_says_what_it_does_and_a_first_look_before_it_fits(log):
     assert len(said) == 1
     assert said[0].startswith("rig.csv: fitting 17 s along x: about ")
     brief = replace(log.between(0.0, 12.0), time=log.time)
-    with pytest.raises(LogError, match="stretches"):
-        identify_axes(
-            [AnyLog("rig.csv", {"x": brief}, {"x": "rad"}, ())],
-            0.0,
-            say=said.append,
-            selection=replace(AXIS_SELECTION, window_s=40.0),
-        )
+    found = identify_axes(
+        [AnyLog("rig.csv", {"x": brief}, {"x": "rad"}, ())],
+        0.0,
+        say=said.append,
+        selection=replace(AXIS_SELECTION, window_s=40.0, min_windows=0),
+    )
     assert said[2].startswith("first look, x: gain ")
+    # the windows of the full model are refused: the plain one answers
+    assert any("stretches" in note for note in found.notes)
+    told = {each.name: each for each in found.verdicts}
+    assert told["gain_x"].low < TRUTH["gain"] < told["gain_x"].high
+    assert told["gain_x"].why == PLAIN_WHY
+    assert told["delay_x"].value == pytest.approx(TRUTH["dead_time"] + TRUTH["lag"], abs=0.02)
+    assert told["friction_x"].value is None
+    assert found.scores == ()
 
 
 def test_residuals_of_the_true_model_are_white_and_those_of_another_are_not(fit):

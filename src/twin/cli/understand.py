@@ -156,7 +156,7 @@ def identify(
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
     from twin.identify.report import TABLE_HEADINGS, rows
-    from twin.identify.verdicts import IDENTIFIED_VERDICT
+    from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
 
     folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
@@ -166,9 +166,10 @@ def identify(
     notes = (f"note: {note}" for note in found.notes)
     table = Table("", TABLE_HEADINGS, rows(found), words=(0, *range(3, len(TABLE_HEADINGS))))
     shown = (table, *why, *done.sentences, *notes)
-    none = all(each.word != IDENTIFIED_VERDICT for each in found.verdicts)
-    show(found.as_dict(), shown, folder, "report.html" if none else "report.html, parameters.toml")
-    return int(none)
+    words = {each.word for each in found.verdicts}
+    written = "report.html, parameters.toml" if IDENTIFIED_VERDICT in words else "report.html"
+    show(found.as_dict(), shown, folder, written)
+    return int(not words & {IDENTIFIED_VERDICT, PLAIN_VERDICT})
 
 
 def _describe_survey(found: Survey) -> Iterator[Shown]:

@@ -14,7 +14,7 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
 from twin.identify.end_stops import describe_stops, find_end_stops
-from twin.identify.first_look import FirstLook, look_first
+from twin.identify.first_look import FirstLook, look_first, look_plainly_in_several_ways
 from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
@@ -25,6 +25,7 @@ from twin.identify.plain_model import (
     AxisFitting,
     add_drive_effects,
     cross_validate,
+    find_clock_drift,
     find_significance,
     fit_axis,
     predict_axis,
@@ -32,22 +33,24 @@ from twin.identify.plain_model import (
     profile_drives,
     refit_for_prediction,
 )
+from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import (
     BOUNDED_VERDICT,
     GIVEN_VERDICT,
     IDENTIFIED_VERDICT,
     MAX_CORRELATION,
     NOT_IDENTIFIABLE,
+    PLAIN_VERDICT,
     Identification,
     ParameterVerdict,
     Predicted,
     corner_frequency,
     score,
 )
-from twin.identify.windows import usual_free_time
+from twin.identify.windows import spans, usual_free_time
 
-AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
-"""The axes, and the sign that makes a level along them a tilt of the base."""
+PLAIN_WHY = "by the plain linear model, as the full one does not show the gain"
+"""Reason of a verdict of the plain model."""
 LEVER_HELD_MESSAGE = "held: the given height and 2/3 of a hollow, 2/5 of a solid ball's radius"
 """Message for a lever that is computed from the given height."""
 
@@ -58,6 +61,7 @@ class AxisSelection:
 
     Attributes:
         window_s: Length of the windows.
+        min_windows: Smallest number of windows of this length; with fewer they are shorter.
         least_window_s: The same of a ball that rolls from one end stop to the next.
         shorter_window_shares: Lengths of the windows of further fits, as shares of it: a model
             error shows as a different value there.
@@ -75,10 +79,14 @@ class AxisSelection:
         pause_between_logs_s: Pause put between two logs that are fitted as one.
         earlier_commands_s: Time for which commands before a log or a pause may move the ball: its
             samples are left out.
+        min_drift_ratio: Drift of a clock, in half-widths of its interval, above which the clock is
+            corrected.
+        min_drift: The same as a share.
         fitting: Constants of the fits.
     """
 
     window_s: float = 2.5
+    min_windows: int = 3
     least_window_s: float = 0.3
     shorter_window_shares: tuple[float, ...] = (0.5, 0.32)
     optional_parameters: tuple[str, ...] = ("camber", "viscous")
@@ -91,6 +99,8 @@ class AxisSelection:
     bound_probability: float = 0.95
     pause_between_logs_s: float = 10.0
     earlier_commands_s: float = 0.5
+    min_drift_ratio: float = 2.0
+    min_drift: float = 5e-5
     fitting: AxisFitting = AXIS_FITTING
 
 
@@ -140,7 +150,7 @@ class AxisIdentification(Identification):
             lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as given"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
-        turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS]
+        turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS.items()]
         if gain and not any(map(_is_other_scale, turned)):
             errors = ", ".join(f"{100 * (each - 1):.6g}" for each in turned)
             lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
@@ -159,7 +169,10 @@ class AxisIdentification(Identification):
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
         if level := known.get("level"):
-            tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in AXIS_SIGNS]
+            tilts = [
+                math.degrees(sign * level.get(axis, 0.0) / push)
+                for axis, sign in AXIS_SIGNS.items()
+            ]
             lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
         return lines
 
@@ -175,6 +188,8 @@ def identify_axes(
     heights: tuple[float, float] | None = None,
     selection: AxisSelection = AXIS_SELECTION,
     say: Callable[[str], object] = lambda _: None,
+    *,
+    clock: str = "",
 ) -> AxisIdentification:
     """Fit the plain model to logs and predict others, or their last share.
 
@@ -191,6 +206,7 @@ def identify_axes(
         heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
         selection: Constants of the fit.
         say: Called with lines on the work: what is fitted, how long that takes, and a first look.
+        clock: How a clock of the logs was corrected, in words; empty if it was not.
 
     Raises:
         LogError: If no axis can be identified: what each of them lacks.
@@ -201,7 +217,7 @@ def identify_axes(
         raise LogError("ball_height: it tells the lever; leave that out of the parameters")
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
-    notes = [note for log in logs for note in log.notes]
+    notes = [*filter(None, (clock,)), *(note for log in logs for note in log.notes)]
     first = logs[0]
     parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
     known = [part[0] for part in parts]
@@ -217,11 +233,30 @@ def identify_axes(
             say(look.describe(axis, first.unit[axis]))
             joined[axis] = replace(log, stops=find_end_stops(log, look))
             notes += describe_stops(axis, joined[axis])
+    for suspicion in describe_suspicions(joined, first.unit, looks, factor):
+        say(f"warning: {suspicion}")
+        notes.append(suspicion)
     fits, found, reasons, remarks_on_fits = _fit_axes(
         joined, first.unit, looks, names, selection, progress
     )
     notes += remarks_on_fits
-    if not fits:
+    drift, half = _mean_drift(fits)
+    if abs(drift) > max(selection.min_drift_ratio * half, selection.min_drift) and not clock:
+        corrected = describe_drift(drift, half)
+        say(f"warning: {corrected}; fitting again")
+        return identify_axes(
+            [log.with_clock(drift) for log in logs],
+            held if isinstance(held, float) else [log.with_clock(drift) for log in held],
+            names,
+            factor,
+            progress,
+            ball,
+            on,
+            heights,
+            selection,
+            clock=corrected,
+        )
+    if not any(each.value is not None for each in found):
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
     tried = _predict_held_out(fits, others, levers, selection)
@@ -247,6 +282,29 @@ def identify_axes(
         ball=ball,
         on=str(on or ""),
         how=selection.fitting.hold_out,
+    )
+
+
+def _mean_drift(fits: Mapping[str, AxisFit]) -> tuple[float, float]:
+    """Drift of the clock of the positions by all axes, and its half-width."""
+    each = [find_clock_drift(fit) for fit in fits.values()]
+    weights = np.array([half**-2.0 if np.isfinite(half) and half > 0 else 0.0 for _, half in each])
+    if not weights.sum():
+        return 0.0, math.inf
+    return float(weights @ [drift for drift, _ in each] / weights.sum()), weights.sum() ** -0.5
+
+
+def describe_drift(drift: float, half: float) -> str:
+    """A note on a clock that was corrected.
+
+    Args:
+        drift: By how much the clock of the positions is faster, as a share.
+        half: Half-width of its interval.
+    """
+    return (
+        f"the clock of the positions is {1e6 * drift:+.0f} ppm ({1e6 * (drift - half):.0f} to "
+        f"{1e6 * (drift + half):.0f}) off the clock of the commands: corrected; dead times are "
+        "those of the beginning of the log"
     )
 
 
@@ -287,16 +345,22 @@ def _fit_axes(
             )
         except LogError as error:
             reasons.append(f"{axis}: {error}")
-            found += [
+            unknown = [
                 ParameterVerdict(
                     about=_about(name, units[axis]), name=f"{name}_{axis}", why=str(error)
                 )
                 for name in (*SMOOTH_PARAMETERS, "friction")
             ]
+            verdicts, plain_notes = assess_plainly(log, axis, units[axis], unknown)
+            found += verdicts
+            notes += plain_notes
             continue
         notes += [f"{axis}: {each}" for each in about]
         fits[axis] = fit
-        found += _assess_axis(fit, axis, units[axis], selection)
+        verdicts = _assess_axis(fit, axis, units[axis], selection)
+        verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)
+        found += verdicts
+        notes += plain_notes
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
     return fits, found, reasons, notes
@@ -346,7 +410,7 @@ def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
         gain: Verdict of its gain, m/s^2 per rad.
         factor: Share of gravity that accelerates the ball.
     """
-    sign, push = dict(AXIS_SIGNS)[axis], factor * BallPlate().gravity
+    sign, push = AXIS_SIGNS[axis], factor * BallPlate().gravity
     if gain.word != IDENTIFIED_VERDICT or gain.value is None:
         known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
         return (
@@ -407,8 +471,11 @@ def _join_logs(
 
 
 def _fit_between_stops(log: AxisLog, selection: AxisSelection) -> AxisSelection:
-    """Constants with windows as long as the ball usually rolls from one end stop to the next."""
-    if log.stops is None:
+    """Constants with windows as long as the ball usually rolls without touching an end stop.
+
+    Or as long as the ball is seen without a gap, where that is shorter.
+    """
+    if log.stops is None and len(spans(log, selection.window_s)[0]) >= selection.min_windows:
         return selection
     longest = min(max(usual_free_time(log), selection.least_window_s), selection.window_s)
     search = selection.fitting.search
@@ -673,6 +740,66 @@ def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
         swing / end if end else None for end in (found.high, found.value, found.low)
     )
     return replace(found, low=low, value=value, high=high)
+
+
+def assess_plainly(
+    log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
+) -> tuple[list[ParameterVerdict], list[str]]:
+    """Verdicts with those of the plain linear model where the full one does not show the gain.
+
+    Their intervals hold what windows of several lengths give, with damping and without: as far as
+    these differ, the plain model is in error.
+
+    Args:
+        log: The axis.
+        axis: x or y.
+        unit: Unit of the tilt.
+        verdicts: Of the full model.
+
+    Returns:
+        All verdicts, and a note on what was done.
+    """
+    words = {each.name: each.word for each in verdicts}
+    looks = look_plainly_in_several_ways(log)
+    if words[f"gain_{axis}"] == IDENTIFIED_VERDICT or not looks:
+        return list(verdicts), []
+    first, found = looks[0], {}
+    attributes = {"gain": "gain", "delay": "delay", "level": "level"}
+    if first.damping:
+        attributes["viscous"] = "damping"
+    for name, attribute in attributes.items():
+        spans = [
+            (value - 2 * std, value + 2 * std)
+            for value, std in (
+                (getattr(each, attribute), getattr(each, f"{attribute}_std")) for each in looks
+            )
+        ]
+        low, high = min(each[0] for each in spans), max(each[1] for each in spans)
+        about, value = _about(name, unit), getattr(first, attribute)
+        narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
+        found[name] = ParameterVerdict(
+            about=about,
+            name=f"{name}_{axis}",
+            value=value,
+            low=low,
+            high=high,
+            word=IDENTIFIED_VERDICT if narrow else PLAIN_VERDICT,
+            why=PLAIN_WHY,
+        )
+    kept = [
+        replace(each, value=None, word=NOT_IDENTIFIABLE, why=f"{PLAIN_WHY}; {each.why}")
+        for each in verdicts
+        if each.name.rpartition("_")[0] not in found and each.word != GIVEN_VERDICT
+    ]
+    given = [each for each in verdicts if each.word == GIVEN_VERDICT]
+    share = 100 * first.explained
+    note = (
+        f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, level "
+        f"and damping are those of a plain linear model by the weak form, which explains "
+        f"{share:.0f} % of the motion in {first.windows} windows; dead time from lag, friction "
+        "from damping, and play or dead band are not told apart"
+    )
+    return [*found.values(), *kept, *given], [note]
 
 
 def _append_total_delay(fit: AxisFit) -> Estimate:

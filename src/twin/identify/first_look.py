@@ -7,14 +7,19 @@ With a test function w that is zero, with its slope, at both ends of a window of
 is linear in gain, camber, level and friction at each delay d. The noise of the positions matters on
 the left only, where they are differentiated; the tilt has none. Only windows are taken in which the
 ball rolls in one direction and touches no end of its way, so that neither sticking nor an end stop
-is part of the equation.
+is part of the equation. Where too few of them show anything, longer windows of any motion show
+gain, level and damping, as a plain linear model has them.
+
+A clock that drifts makes the delay grow with time, which is one column more of the same equation.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import fftconvolve, savgol_filter
 
@@ -31,6 +36,7 @@ class WeakForm:
     Attributes:
         step_s: Step of the grid on which integrals are computed.
         window_s: Length of a window.
+        plain_windows_s: Lengths of windows of any motion, the best first.
         max_gap_steps: Longest time between two samples of a window, in median steps.
         speed_window_s: Time over which the speed is measured.
         min_speed_m_s: Speed above which the ball rolls, and its direction is known.
@@ -45,10 +51,14 @@ class WeakForm:
             answer.
         max_noise_share: Largest variance of the left side by the noise of the samples, as a share,
             for an answer: a controller feeds the noise back, which biases the gain.
+        min_damping_stds: Smallest damping, in its standard deviations, that is believed.
+        min_drift_stds: Smallest drift of a clock, in its standard deviations, that is believed.
+        min_drift: Smallest such drift, as a share.
     """
 
     step_s: float = 0.005
     window_s: float = 0.4
+    plain_windows_s: tuple[float, ...] = (0.9, 0.6)
     max_gap_steps: float = 4.0
     speed_window_s: float = 0.12
     min_speed_m_s: float = 0.02
@@ -61,12 +71,15 @@ class WeakForm:
     min_gain_stds: float = 4.0
     max_residual_share: float = 0.7
     max_noise_share: float = 0.1
+    min_damping_stds: float = 3.0
+    min_drift_stds: float = 6.0
+    min_drift: float = 1e-4
 
 
 WEAK_FORM = WeakForm()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FirstLook:
     """Result of a first look at an axis.
 
@@ -74,23 +87,43 @@ class FirstLook:
         gain: Acceleration of the ball by the tilt, in m/s^2 by its unit.
         gain_std: Its standard deviation.
         delay: Dead time and lag together, s.
+        delay_std: Its standard deviation.
+        lag: The part of it that is a lag, as far as this form shows one, s.
         level: m/s^2.
         level_std: Its standard deviation.
         friction: m/s^2.
         camber: 1/s^2.
-        windows: Number of windows in which the ball rolls freely.
+        damping: 1/s.
+        damping_std: Its standard deviation.
+        windows: Number of windows that are used.
+        plain: Whether they hold any motion, and the model is plain and linear.
+        explained: Share of the variance of the left side that the equation explains.
         at_ends: Share of the time in which the ball is at an end stop.
+        drift: By how much the clock of the positions is faster than that of the commands.
+        drift_std: Its standard deviation.
     """
 
     gain: float
     gain_std: float
     delay: float
+    delay_std: float
+    lag: float
     level: float
     level_std: float
     friction: float
     camber: float
+    damping: float
+    damping_std: float
     windows: int
+    plain: bool
+    explained: float
     at_ends: float
+    drift: float
+    drift_std: float
+
+    def drifts(self, how: WeakForm = WEAK_FORM) -> bool:
+        """Whether the clock of the positions goes at a different speed."""
+        return abs(self.drift) > max(how.min_drift_stds * self.drift_std, how.min_drift)
 
     def describe(self, axis: str, unit: str) -> str:
         """In a sentence.
@@ -100,11 +133,11 @@ class FirstLook:
             unit: Unit of the tilt.
         """
         ends = f"; {100 * self.at_ends:.0f} % at an end stop" if self.at_ends else ""
+        rolls = "of any motion, by a plain model" if self.plain else "of a ball that rolls freely"
         return (
             f"first look, {axis}: gain {digits(self.gain)} +- {digits(2 * self.gain_std)} m/s^2 by "
             f"{unit}, dead time + lag {self.delay:.2f} s, level {digits(self.level)} +- "
-            f"{digits(2 * self.level_std)} m/s^2, from {self.windows} windows of a ball that rolls "
-            f"freely{ends}"
+            f"{digits(2 * self.level_std)} m/s^2, from {self.windows} windows {rolls}{ends}"
         )
 
 
@@ -115,111 +148,324 @@ def look_first(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
         log: The axis.
         how: Constants.
     """
-    h, half = how.step_s, round(how.window_s / how.step_s / 2)
-    time = np.arange(log.sampled[0], log.sampled[-1], h)
-    if len(time) < 4 * half:
+    return _look_at_rolling(log, how) or next(iter(look_plainly_in_several_ways(log, how)), None)
+
+
+def look_plainly_in_several_ways(log: AxisLog, how: WeakForm = WEAK_FORM) -> list[FirstLook]:
+    """The plain linear model of an axis by windows of several lengths, with damping and without.
+
+    The first is the best: with damping only where it is significant. No damping is negative. How
+    far they differ is how far the model is in error.
+    """
+    found = []
+    for window_s in how.plain_windows_s:
+        both = [look_plainly(log, window_s, how, damped=damped) for damped in (True, False)]
+        each = [look for look in both if look and look.damping >= 0]
+        weak = len(each) > 1 and each[0].damping < how.min_damping_stds * each[0].damping_std
+        found += each[::-1] if weak else each
+    return found
+
+
+def look_plainly(
+    log: AxisLog, window_s: float, how: WeakForm = WEAK_FORM, *, damped: bool = True
+) -> FirstLook | None:
+    """The plain linear model of an axis by windows of any motion; None if they do not show it.
+
+    Args:
+        log: The axis.
+        window_s: Length of the windows.
+        how: Constants.
+        damped: Whether there is damping.
+    """
+    grid = _Grid.of(log, replace(how, window_s=window_s))
+    if grid is None:
         return None
-    weight, bend = _make_test_function(half, h)
-    ball = np.interp(time, log.sampled, log.ball)
-    free, direction, near = _find_free_windows(log, time, ball, half, how)
-    rows = np.flatnonzero(free)[:: max(1, half // 4)]
-    left = fftconvolve(ball - ball.mean(), bend, "same")[rows]
-    if len(rows) < 4 * how.min_windows or _noise_share(log, left, bend, h) > how.max_noise_share:
+    free, _, near = _find_free_windows(log, grid, how, rolling=False)
+    rows = grid.thin(free)
+    if len(rows) < 4 * how.min_windows or grid.noise_share(log, rows) > how.max_noise_share:
         return None
-    area = np.full(len(rows), weight.sum())
-    bowed = fftconvolve(ball, weight, "same")[rows]
-    both = np.stack((area, -area * direction[rows], bowed), axis=-1)
-    tilt = TiltHistory(log)
+    others = [np.full(len(rows), grid.weight.sum())]
+    if damped:
+        others.append(grid.apply(grid.ball, grid.slope)[rows])
+    found = _solve(log, grid, rows, np.stack(others, axis=-1), how)
+    return _describe_solution(log, grid, found, near, how, ("level", "damping"), plain=True)
+
+
+def _look_at_rolling(log: AxisLog, how: WeakForm) -> FirstLook | None:
+    """Gain, delay, level, friction and camber by windows of a ball that rolls in one direction."""
+    grid = _Grid.of(log, how)
+    if grid is None:
+        return None
+    free, direction, near = _find_free_windows(log, grid, how, rolling=True)
+    rows = grid.thin(free)
+    if len(rows) < 4 * how.min_windows or grid.noise_share(log, rows) > how.max_noise_share:
+        return None
+    area = np.full(len(rows), grid.weight.sum())
+    bowed = grid.apply(grid.ball, grid.weight)[rows]
+    others = np.stack((area, -area * direction[rows], bowed), axis=-1)
+    found = _solve(log, grid, rows, others, how)
+    names = ("level", "friction", "camber")
+    return _describe_solution(log, grid, found, near, how, names, plain=False)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Evenly spaced positions of an axis, and the test function.
+
+    Attributes:
+        step: s.
+        half: Half a window in steps.
+        time: s, shape (N,).
+        ball: m, shape (N,).
+        weight: Test function, shape (2 half + 1,).
+        slope: Its derivative.
+        bend: Its second derivative.
+    """
+
+    step: float
+    half: int
+    time: Array
+    ball: Array
+    weight: Array
+    slope: Array
+    bend: Array
+
+    @classmethod
+    def of(cls, log: AxisLog, how: WeakForm) -> _Grid | None:
+        """The grid of a log; None if it is shorter than two windows, or nothing was tilted."""
+        h, half = how.step_s, round(how.window_s / how.step_s / 2)
+        time = np.arange(log.sampled[0], log.sampled[-1], h)
+        if len(time) < 4 * half or not np.ptp(log.tilt):
+            return None
+        ball = np.interp(time, log.sampled, log.ball)
+        return cls(h, half, time, ball, *_make_test_function(half, h))
+
+    def thin(self, free: Mask) -> NDArray[np.intp]:
+        """Indices of the middles of windows, four of which begin in half a window."""
+        return np.flatnonzero(free)[:: max(1, self.half // 4)]
+
+    def apply(self, values: Array, function: Array) -> Array:
+        """Integrals of values on the grid times a function, by the middles of the windows."""
+        return np.asarray(fftconvolve(values, function[::-1], "same"))
+
+    def left(self, rows: NDArray[np.intp]) -> Array:
+        """Left side of the equation in windows with these middles."""
+        return self.apply(self.ball - self.ball.mean(), self.bend)[rows]
+
+    def noise_share(self, log: AxisLog, rows: NDArray[np.intp]) -> float:
+        """Variance of the left side by the noise of the samples, as a share."""
+        noise = np.median(np.abs(np.diff(log.ball, n=2))) / (0.6745 * np.sqrt(6))
+        sample_step = float(np.median(np.diff(log.sampled)))
+        variance = noise**2 * (self.bend @ self.bend) * max(sample_step / self.step, 1.0)
+        return float(variance / max(float(np.var(self.left(rows))), 1e-30))
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Least-squares solution of the equation of R windows.
+
+    Attributes:
+        rows: Indices of their middles on the grid, shape (R,).
+        lag: The best lag, s.
+        delay: The best dead time, s.
+        values: Gain by swing of the tilt, and the other values.
+        stds: Their standard deviations.
+        kept: Windows that are no outliers, shape (R,).
+        explained: Share of the variance of the left side.
+        independent: Number of windows end to end.
+        drift: By how much the delay grows with time, and its standard deviation.
+        delay_std: Standard deviation of the delay, s.
+    """
+
+    rows: NDArray[np.intp]
+    lag: float
+    delay: float
+    values: Array
+    stds: Array
+    kept: Mask
+    explained: float
+    independent: float
+    drift: tuple[float, float]
+    delay_std: float
+
+
+def _solve(
+    log: AxisLog, grid: _Grid, rows: NDArray[np.intp], others: Array, how: WeakForm
+) -> _Solution | None:
+    """Least squares over delays and lags, without outliers; None of too few windows.
+
+    Args:
+        log: The axis.
+        grid: Its positions.
+        rows: Middles of the windows, R of them.
+        others: Columns of the equation next to the tilt's, shape (R, C).
+        how: Constants.
+    """
+    h, tilt = grid.step, TiltHistory(log)
+    left = grid.left(rows)
+    # one step more at each end, for the slope by the delay
     first, last = (round(each / h) for each in how.delays_s)
-    whole = np.concatenate((time[0] - h * np.arange(last, 0, -1), time))
+    back = h * np.arange(last + 1, 0, -1)
+    whole = np.concatenate((grid.time[0] - back, grid.time, grid.time[-1] + h * np.arange(1, 2)))
     pushed = {
-        lag: fftconvolve(tilt.at(whole, lag), weight, "same")[
-            rows + last - np.arange(first, last + 1)[:, None]
+        lag: grid.apply(tilt.at(whole, lag), grid.weight)[
+            rows + last + 1 - np.arange(first - 1, last + 2)[:, None]
         ]
         for lag in how.lags_s
     }
-    kept, found, off = np.ones(len(rows), bool), np.zeros(4), np.zeros(len(rows))
-    delay, columns = 0.0, both
+    kept, columns, off = np.ones(len(rows), bool), others, left
+    lag, k = 0.0, 0
     for _ in range(3):
         if kept.sum() < 4 * how.min_windows:
             return None
-        residuals = {}
-        for lag, each in pushed.items():
-            for k, push in enumerate(each):
-                columns = np.column_stack((push, both))
-                found = np.linalg.lstsq(columns[kept], left[kept], rcond=1e-9)[0]
-                residuals[lag, k] = float(((columns @ found - left)[kept] ** 2).sum())
-        lag, k = min(residuals, key=lambda each: residuals[each])
-        delay, columns = lag + (first + k) * h, np.column_stack((pushed[lag][k], both))
+        lag, k = _find_delay(pushed, others, left, kept)
+        columns = np.column_stack((pushed[lag][k], others))
         found = np.linalg.lstsq(columns[kept], left[kept], rcond=1e-9)[0]
         off = np.abs(columns @ found - left)
         kept = off < how.outlier_ratio * 1.4826 * float(np.median(off[kept]))
     # windows overlap: as many are independent as fit end to end
-    independent = kept.sum() * max(1, half // 4) / half
+    independent = float(kept.sum() * max(1, grid.half // 4) / grid.half)
     scatter = float((off[kept] ** 2).mean())
-    # an end stop holds the ball against the tilt; where it only turns, the tilt pushes it back
-    push = found[0] * tilt.at(time - delay + lag, lag) + found[1] + found[3] * ball
-    rub = max(float(found[2]), 0.0)
-    held = (near[0] & (push < -rub)) | (near[1] & (push > rub))
-    at_ends = float(held.mean())
-    normal = columns[kept].T @ columns[kept] * independent / kept.sum()
-    std = np.sqrt(scatter * np.diagonal(np.linalg.pinv(normal)))
-    explained = scatter <= how.max_residual_share**2 * np.var(left[kept])
-    significant = abs(found[0]) > how.min_gain_stds * std[0]
-    if independent < how.min_windows or not explained or not significant:
-        return None
-    return FirstLook(
-        gain=float(found[0]) / tilt.scale,
-        gain_std=float(std[0]) / tilt.scale,
-        delay=delay,
-        level=float(found[1]),
-        level_std=float(std[1]),
-        friction=rub,
-        camber=float(found[3]),
-        windows=round(independent),
-        at_ends=at_ends if at_ends > how.min_end_share else 0.0,
+    share = independent / kept.sum()
+    stds = _deviations(columns[kept], scatter, share)
+    turned = (pushed[lag][k + 1] - pushed[lag][k - 1]) / (2 * h)
+    since = grid.time[rows] - log.sampled[0]
+    wider = np.column_stack((columns, turned, turned * (since - since.mean())))
+    values = np.linalg.lstsq(wider[kept], left[kept], rcond=1e-9)[0]
+    rest = float(((wider @ values - left)[kept] ** 2).mean())
+    by_delay = _deviations(wider[kept], rest, share)[-2:] / abs(float(found[0]))
+    return _Solution(
+        rows=rows,
+        lag=lag,
+        delay=(first - 1 + k) * h,
+        values=found,
+        stds=stds,
+        kept=kept,
+        explained=1 - scatter / max(float(np.var(left[kept])), 1e-30),
+        independent=independent,
+        drift=(float(values[-1] / found[0]), float(by_delay[1])),
+        delay_std=float(by_delay[0]),
     )
 
 
-def _noise_share(log: AxisLog, left: Array, bend: Array, step: float) -> float:
-    """Variance of the left side by the noise of the samples, as a share.
+def _find_delay(
+    pushed: Mapping[float, Array], others: Array, left: Array, kept: Mask
+) -> tuple[float, int]:
+    """The lag and the index of the delay with the least residual.
+
+    Args:
+        pushed: Lag to the tilt's integrals at each delay, shape (K, R).
+        others: The other columns, shape (R, C).
+        left: Left side, shape (R,).
+        kept: Windows that count, shape (R,).
+    """
+    basis = np.linalg.qr(others[kept])[0]
+    target = left[kept] - basis @ (basis.T @ left[kept])
+    gained = {}
+    for lag, every in pushed.items():
+        each = every[1:-1, kept]
+        each = each - (each @ basis) @ basis.T
+        size = np.maximum((each**2).sum(axis=1), 1e-30)
+        gained[lag] = (each @ target) ** 2 / size
+    lag = max(gained, key=lambda each: float(gained[each].max()))
+    return lag, 1 + int(gained[lag].argmax())
+
+
+def _deviations(columns: Array, scatter: float, share: float) -> Array:
+    """Standard deviations of a solution; a share of the rows are independent of each other."""
+    normal = columns.T @ columns * share
+    return np.asarray(np.sqrt(scatter * np.diagonal(np.linalg.pinv(normal))))
+
+
+def _describe_solution(
+    log: AxisLog,
+    grid: _Grid,
+    found: _Solution | None,
+    near: tuple[Mask, Mask],
+    how: WeakForm,
+    names: tuple[str, ...],
+    plain: bool,
+) -> FirstLook | None:
+    """The look of a solution; None if it is none.
 
     Args:
         log: The axis.
-        left: The left side in each window.
-        bend: Its weights on the grid.
-        step: Of the grid in s.
+        grid: Its positions.
+        found: The solution.
+        near: When the ball is near either end.
+        how: Constants.
+        names: Of the values behind the gain.
+        plain: Whether the windows hold any motion.
     """
-    noise = np.median(np.abs(np.diff(log.ball, n=2))) / (0.6745 * np.sqrt(6))
-    sample_step = float(np.median(np.diff(log.sampled)))
-    variance = noise**2 * (bend @ bend) * max(sample_step / step, 1.0)
-    return float(variance / max(float(np.var(left)), 1e-30))
+    if found is None:
+        return None
+    enough = found.independent >= how.min_windows
+    explains = 1 - found.explained <= how.max_residual_share**2
+    if not (enough and explains and abs(found.values[0]) > how.min_gain_stds * found.stds[0]):
+        return None
+    tilt = TiltHistory(log)
+    value = dict(zip(names, found.values[1:].tolist(), strict=False))
+    std = dict(zip(names, found.stds[1:].tolist(), strict=False))
+    # an end stop holds the ball against the tilt; where it only turns, the tilt pushes it back
+    push = found.values[0] * tilt.at(grid.time - found.delay, found.lag)
+    push = push + value["level"] + value.get("camber", 0.0) * grid.ball
+    rub = max(value.get("friction", 0.0), 0.0)
+    held = (near[0] & (push < -rub)) | (near[1] & (push > rub))
+    at_ends = 0.0 if plain else float(held.mean())
+    return FirstLook(
+        gain=float(found.values[0]) / tilt.scale,
+        gain_std=float(found.stds[0]) / tilt.scale,
+        delay=found.delay + found.lag,
+        delay_std=max(found.delay_std, grid.step / 2),
+        lag=found.lag,
+        level=value["level"],
+        level_std=std["level"],
+        friction=rub,
+        camber=value.get("camber", 0.0),
+        damping=value.get("damping", 0.0),
+        damping_std=std.get("damping", 0.0),
+        windows=round(found.independent),
+        plain=plain,
+        explained=found.explained,
+        at_ends=at_ends if at_ends > how.min_end_share else 0.0,
+        drift=found.drift[0],
+        drift_std=found.drift[1],
+    )
 
 
-def _make_test_function(half: int, step: float) -> tuple[Array, Array]:
-    """The test function (1 - s^2)^3 and its second derivative as weights of samples, (2 half + 1,).
+def _make_test_function(half: int, step: float) -> tuple[Array, Array, Array]:
+    """The test function (1 - s^2)^3 and its two derivatives as weights of samples, (2 half + 1,).
 
     The sums of the second are right for a parabola to the last digit: zero for a straight line, and
     the sum of the first for t^2 / 2.
     """
     s = np.arange(-half, half + 1) / half
     weight = step * (1 - s**2) ** 3
+    slope = -6 * s * (1 - s**2) ** 2 / half
     bend = step * 6 * (1 - s**2) * (5 * s**2 - 1)
     lines = np.linalg.qr(np.stack((np.ones_like(s), s), axis=-1))[0]
     bend = bend - lines @ (lines.T @ bend)
     parabola = (half * step * s) ** 2 / 2
-    return weight, bend * (weight.sum() / (bend @ parabola))
+    return weight, slope, bend * (weight.sum() / (bend @ parabola))
 
 
 def _find_free_windows(
-    log: AxisLog, time: Array, ball: Array, half: int, how: WeakForm
+    log: AxisLog, grid: _Grid, how: WeakForm, *, rolling: bool
 ) -> tuple[Mask, Array, tuple[Mask, Mask]]:
-    """Middles of windows of a freely rolling ball, its direction, and when it is at either end."""
-    size = 2 * half + 1
+    """Middles of windows without gap and end stop, the direction, and when it is at either end.
+
+    Args:
+        log: The axis.
+        grid: Its positions.
+        how: Constants.
+        rolling: Whether the ball has to roll in one direction all the time.
+    """
+    time, ball, size = grid.time, grid.ball, 2 * grid.half + 1
     samples = max(5, round(how.speed_window_s / how.step_s) | 1)
     speed = savgol_filter(ball, samples, 2, deriv=1, delta=how.step_s)
-    slowest = minimum_filter1d(speed, size), -maximum_filter1d(speed, size)
-    rolls = np.maximum(*slowest) > how.min_speed_m_s
+    fastest, slowest = (each(speed, size) for each in (maximum_filter1d, minimum_filter1d))
+    least = np.maximum(slowest, -fastest) if rolling else np.maximum(fastest, -slowest)
+    rolls = least > how.min_speed_m_s
     low, high = np.percentile(ball, [0.5, 99.5])
     near = ball < low + how.end_margin_m, ball > high - how.end_margin_m
     stops = [each if each.mean() > how.min_end_share else np.zeros_like(each) for each in near]
@@ -229,6 +475,6 @@ def _find_free_windows(
     last = np.clip(np.searchsorted(log.sampled, time, "right") - 1, 0, len(gap) - 1)
     missing = maximum_filter1d(gap[last].astype(np.uint8), size) > 0
     inside = np.zeros(len(time), bool)
-    inside[half : len(time) - half] = True
+    inside[grid.half : len(time) - grid.half] = True
     free = inside & rolls & ~touched & ~missing
     return free, np.sign(speed), near

@@ -333,6 +333,14 @@ class AxisLog:
         since = self.sampled - begin[:, None]
         return self._where(np.asarray(((since < 0) | (since >= seconds)).all(axis=0)))
 
+    def with_clock(self, drift: float) -> AxisLog:
+        """This log with the clock of its samples slowed down, which is faster by a share."""
+        first = self.time[0]
+        sampled, at = (
+            first + (each - first) / (1 + drift) for each in (self.sampled, self.across[0])
+        )
+        return replace(self, sampled=sampled, across=np.stack((at, self.across[1])))
+
     def _where(self, there: Mask) -> AxisLog:
         return replace(self, sampled=self.sampled[there], ball=self.ball[there])
 
@@ -352,6 +360,10 @@ class AnyLog:
     axes: Mapping[str, AxisLog]
     unit: Mapping[str, str]
     notes: tuple[str, ...]
+
+    def with_clock(self, drift: float) -> AnyLog:
+        """This log with the clock of its positions slowed down, which is faster by a share."""
+        return replace(self, axes={axis: e.with_clock(drift) for axis, e in self.axes.items()})
 
     def on(self, scenario: Scenario, later: float = 0.0) -> Log:
         """As the rig of a scenario would have recorded it, a row every control period.

@@ -38,6 +38,7 @@ from twin.identify.least_squares import (
     Linearisation,
     SampleWindows,
     StepControl,
+    estimate,
     fit_starts,
     fit_starts_from_scratch,
     minimise,
@@ -994,6 +995,27 @@ def find_significance(fit: AxisFit, name: str) -> float:
     normal = each[1:, 1:] + np.diag(problem.known[1] + 1e-9)
     inverse = np.linalg.inv(normal)
     return float(abs((inverse @ each[1:, 0])[-1]) / np.sqrt(inverse[-1, -1]))
+
+
+def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
+    """By how much the clock of the positions is faster than that of the commands, and its error.
+
+    The dead time of the fit grows by it: one step of the fit with one parameter more, the dead time
+    times the time since the middle of the log. The error is the half-width of its interval.
+    """
+    fit = fit.windowed or fit
+    line, begin = fit.found.linearisation, fit.problem.windows.begin
+    by_time = line.by_parameter[..., fit.problem.names.index("dead_time")]
+    by_drift = by_time * (begin - begin.mean())[:, None]
+    slopes = np.concatenate((line.by_parameter, by_drift[..., None]), axis=-1)
+    free, _ = line._replace(by_parameter=slopes).eliminate_starts()
+    weight = fit.problem.weights(line.r)[0]
+    r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
+    information = np.einsum("wmi,wmj,w->wij", J, J, weight)
+    score = np.einsum("wmi,wm,w->wi", J, r, weight)
+    step = -np.linalg.pinv(information.sum(axis=0), hermitian=True) @ score.sum(axis=0)
+    moved = estimate(step, information, score + information @ step)
+    return float(step[-1]), float(moved.half_width[-1])
 
 
 def cross_validate(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:

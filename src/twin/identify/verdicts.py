@@ -20,6 +20,8 @@ GIVEN_VERDICT = "given"
 """The parameter is fixed at the given value and not fitted."""
 REJECTED_VERDICT = "model rejected"
 """The model does not explain the log: the value is the best fit, and its error is unknown."""
+PLAIN_VERDICT = "plain model"
+"""The value is of a plain linear model, and its interval is wide: nothing finer is known."""
 MAX_CORRELATION = 0.95
 """Correlation above which two parameters cannot be distinguished."""
 
@@ -34,8 +36,9 @@ class ParameterVerdict:
         value: Fitted value in the unit of its key; None if the log does not show it.
         low: Lower end of the 95 % interval, in the same unit; None if unknown.
         high: Upper end.
-        word: ``identified``, ``bounded`` (only a bound is known), ``model rejected`` (the value
-            is the best fit, and has no interval), ``given`` or ``not identifiable``.
+        word: ``identified``, ``bounded`` (only a bound is known), ``plain model`` (the value is of
+            a plain linear model, and its interval wide), ``model rejected`` (the value is the best
+            fit, and has no interval), ``given`` or ``not identifiable``.
         why: What is wrong and what experiment would show it; empty if identified.
     """
 

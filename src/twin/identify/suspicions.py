@@ -1,0 +1,127 @@
+"""Names what is suspicious about a log by first looks: signs, axes, units, the ball, the clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from controllers.ballplate import BallPlate
+from twin.base.page import digits
+from twin.identify.first_look import WEAK_FORM, FirstLook, look_plainly
+from twin.identify.logs import AXIS_COLUMNS, GRAVITY_SHARES, AxisLog
+
+AXIS_SIGNS = {"x": 1.0, "y": -1.0}
+"""The axes, and the sign of the acceleration along them by a positive tilt of the plate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suspicion:
+    """Constants of what is suspicious.
+
+    Attributes:
+        unit_ratio: Largest ratio of a gain to the gain of a ball by which a unit is recognised.
+        confident_stds: Standard deviations by which a gain has to differ from one ball's, and
+            within which it agrees with the other's.
+        max_gain_std_share: Largest standard deviation of such a gain, as a share.
+        exchanged_share: Share of the variance by which the other axis's command has to explain more
+            than the axis's own.
+    """
+
+    unit_ratio: float = 1.6
+    confident_stds: float = 2.0
+    max_gain_std_share: float = 0.05
+    exchanged_share: float = 0.3
+
+
+SUSPICION = Suspicion()
+
+
+def describe_suspicions(
+    logs: Mapping[str, AxisLog],
+    units: Mapping[str, str],
+    looks: Mapping[str, FirstLook | None],
+    factor: float,
+    how: Suspicion = SUSPICION,
+) -> Iterator[str]:
+    """What is suspicious about a log, in sentences.
+
+    Args:
+        logs: The log of each axis.
+        units: Units of their tilt.
+        looks: First looks at them.
+        factor: Share of gravity that accelerates the ball, as assumed.
+        how: Constants.
+    """
+    exchanged = are_axes_exchanged(logs, how)
+    if exchanged:
+        yield (
+            "the axes look exchanged: each position follows the command of the other axis; give "
+            "command_phi the column that moves the ball along x, command_theta that along y"
+        )
+    for axis, look in looks.items():
+        if look is None or exchanged:
+            continue
+        if units[axis] == "rad":
+            yield from _describe_gain(axis, look, factor, how, held=logs[axis].held)
+        if look.drifts():
+            yield (
+                f"{axis}: the clock of the positions looks {1e6 * look.drift:+.0f} +- "
+                f"{2e6 * look.drift_std:.0f} ppm off the clock of the commands"
+            )
+
+
+def are_axes_exchanged(logs: Mapping[str, AxisLog], how: Suspicion = SUSPICION) -> bool:
+    """Whether the ball follows along each axis the command of the other one, and not its own."""
+    if set(logs) != set(AXIS_COLUMNS):
+        return False
+    for axis, other in (("x", "y"), ("y", "x")):
+        theirs = logs[other]
+        swapped = replace(logs[axis], time=theirs.time, tilt=theirs.tilt, held=theirs.held)
+        every = (
+            look_plainly(each, WEAK_FORM.plain_windows_s[-1]) for each in (logs[axis], swapped)
+        )
+        own, crossed = (look.explained if look else 0.0 for look in every)
+        if crossed < own + how.exchanged_share:
+            return False
+    return True
+
+
+def _describe_gain(
+    axis: str, look: FirstLook, factor: float, held: bool, how: Suspicion
+) -> Iterator[str]:
+    """A sign, unit or ball by which the gain of an axis would be as it looks.
+
+    Args:
+        axis: x or y.
+        look: The look at it.
+        factor: Share of gravity that accelerates the ball, as assumed.
+        how: Constants.
+        held: Whether the tilt is a command.
+    """
+    push = AXIS_SIGNS[axis] * factor * BallPlate().gravity
+    role = f"{'command' if held else 'measured'}_{AXIS_COLUMNS[axis][1]}"
+    if look.gain * push < 0:
+        yield (
+            f"{axis}: wrong sign of {role}: a positive one moves the ball towards "
+            f"{'-' if push > 0 else '+'}{axis}; give {role}=-NAME"
+        )
+    size = abs(look.gain / push)
+    for ratio, advice in (
+        (math.radians(1), f"degrees taken for radians? give {role}=NAME:deg"),
+        (math.degrees(1), f"radians taken for degrees? give {role}=NAME:rad"),
+    ):
+        if 1 / how.unit_ratio < size / ratio < how.unit_ratio:
+            yield f"{axis}: the gain is {digits(size)} times that of the ball: {advice}"
+    if look.gain_std > how.max_gain_std_share * abs(look.gain):
+        return
+    for name, share in GRAVITY_SHARES.items():
+        off = abs(abs(look.gain) - share * BallPlate().gravity)
+        far = abs(abs(look.gain) - factor * BallPlate().gravity)
+        near = off < max(how.confident_stds * look.gain_std, 0.02 * abs(look.gain))
+        if near and far > 2 * how.confident_stds * look.gain_std and share != factor:
+            yield (
+                f"{axis}: the gain is that of a {name} ball, {share:.2g} of gravity, not the "
+                f"assumed {factor:.2g}: --ball {name}, or the plate tilts {digits(size)} times as "
+                "far as commanded"
+            )
