@@ -110,7 +110,7 @@ def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Arra
     shown, sent, angles = np.zeros((3, steps))
     due, until, target, command, last, speed, then = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     slow = 1 / (1 + 4 * (rig.dead_time + rig.lag))
-    rows = []
+    rows: list[tuple[float, float, float]] = []
     for k in range(steps):
         t = k * h
         seen = seen + h / rig.filtered * (x - seen) if rig.filtered else x
@@ -198,7 +198,7 @@ def _responses(time: Array, command: Array, begin: Array, delays: Array) -> Arra
 
 def _rows(sampled: Array, ball: Array, begin: Array, ways: Array) -> list[tuple[Array, ...]]:
     """Of each window: seconds since its beginning, positions, and the ways there, (3, K)."""
-    since, rows = GRID_S * np.arange(ways.shape[-1]), []
+    since, rows = GRID_S * np.arange(ways.shape[-1]), list[tuple[Array, ...]]()
     for w, at in enumerate(begin):
         some = slice(*np.searchsorted(sampled, (at - LEAD_S, at + AHEAD_S + 0.05)))
         here = sampled[some] - at + LEAD_S

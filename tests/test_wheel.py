@@ -148,7 +148,7 @@ def test_with_every_extra_it_runs_and_draws_on_each_python_that_is_here(wheel, t
         "cluster": "distributed",
         "fmi": "fmpy",
         "gym": "gymnasium",
-        "logs": "h5py, nptdms, openpyxl",
+        "logs": "asammdf, h5py, nptdms, openpyxl",
         "mpc": "daqp",
     }
     library |= {"play": "nicegui", "tune": "optuna", "video": "av"}

@@ -82,6 +82,14 @@ def write_tdms(path):
         writer.write_segment([ChannelObject("", name, values) for name, values in DATA.items()])
 
 
+def write_mdf(path):
+    from asammdf import MDF, Signal
+
+    with MDF() as file:
+        file.append([Signal(values, T, name=name) for name, values in DATA.items()])
+        file.save(path)
+
+
 def write_feather(path):
     table = pa.table(DATA)
     with pa.ipc.new_file(path, table.schema) as writer:
@@ -97,6 +105,7 @@ WRITERS = {
     ".h5": write_hdf5,
     ".xlsx": write_excel,
     ".tdms": write_tdms,
+    ".mf4": write_mdf,
     ".feather": write_feather,
 }
 
@@ -274,9 +283,30 @@ def test_an_object_of_matlab_is_one_line_that_makes_a_readable_file(tmp_path):
     assert "is a MATLAB object" in table.notes[0]
 
 
+def test_groups_of_a_measurement_file_keep_their_times_and_units(tmp_path):
+    from asammdf import MDF, Signal
+
+    late = 0.01 + 0.05 * np.arange(60)
+    with MDF() as file:
+        file.append([Signal(1e3 * X, T, unit="mm", name="x"), Signal(U, T, unit="rad", name="u")])
+        file.append([Signal(np.cos(late), late, name="u"), Signal(late > 1, late, name="seen")])
+        text = np.array([b"a", b"b"] * 30)
+        file.append([Signal(text, late, name="text", encoding="utf-8")])
+        file.save(tmp_path / "a.mf4")
+    found = foreign_table(tmp_path / "a.mf4")
+    assert set(found.columns) == {"x", "u.1", "u.2", "seen"}
+    assert found.units == {"x": "mm", "u.1": "rad"}
+    np.testing.assert_allclose(found.clocks["u.1"], T, atol=1e-12)
+    np.testing.assert_allclose(found.clocks["u.2"], late, atol=1e-12)
+    np.testing.assert_array_equal(found.columns["seen"], late > 1)
+    columns = wanted_columns("measured_x=x,command_phi=u.1")
+    axis = read_any(tmp_path / "a.mf4", columns).axes["x"]
+    np.testing.assert_allclose(axis.ball, X, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("module", "ending"),
-    [("h5py", ".h5"), ("openpyxl", ".xlsx"), ("nptdms", ".tdms")],
+    [("h5py", ".h5"), ("openpyxl", ".xlsx"), ("nptdms", ".tdms"), ("asammdf", ".mf4")],
 )
 def test_without_its_library_a_file_names_the_extra(tmp_path, monkeypatch, module, ending):
     WRITERS[ending](tmp_path / f"a{ending}")

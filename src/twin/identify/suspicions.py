@@ -88,7 +88,7 @@ def are_axes_exchanged(logs: Mapping[str, AxisLog], how: Suspicion = SUSPICION) 
 
 
 def _describe_gain(
-    axis: str, look: FirstLook, factor: float, held: bool, how: Suspicion
+    axis: str, look: FirstLook, factor: float, how: Suspicion, *, held: bool
 ) -> Iterator[str]:
     """A sign, unit or ball by which the gain of an axis would be as it looks.
 

@@ -18,6 +18,7 @@ from twin.run.readers import (
     read_excel,
     read_hdf5,
     read_matlab,
+    read_mdf,
     read_numpy,
     read_parquet,
     read_tdms,
@@ -41,7 +42,6 @@ CONVERSIONS_BY_KIND = {
     "7-Zip archive": _UNPACK_ADVICE,
     "RAR archive": _UNPACK_ADVICE,
     "tar archive": _UNPACK_ADVICE,
-    "measurement file (.mf4)": f"{_IN_PYTHON}asammdf.MDF('{{name}}').export('csv')",
     "CAN trace of Vector (.blf)": "ballplate trace {name} --rig RIG --touch TOUCH --log log.csv",
 }
 """Command that converts a file of a kind to a readable one; ``{name}`` is the file."""
@@ -109,7 +109,10 @@ READERS_BY_KIND: dict[str, Callable[[Path], ForeignTable]] = {
     "HDF5 file": read_hdf5,
     "Excel file (.xlsx)": read_excel,
     "LabVIEW file (.tdms)": read_tdms,
+    "measurement file (.mf4)": read_mdf,
 }
 """Kind of a file to what reads it."""
-READABLE_SUFFIXES = (".parquet", ".npz", ".npy", ".mat", ".mcap", ".db3", ".xlsx", ".tdms", ".h5")
+READABLE_SUFFIXES = (
+    *(".parquet", ".npz", ".npy", ".mat", ".mcap", ".db3", ".xlsx", ".tdms", ".mf4", ".h5"),
+)
 """Usual endings of these kinds."""

@@ -6,11 +6,15 @@ size of the data before it reads them.
 
 from __future__ import annotations
 
+import gc
 import math
 import struct
+import sys
+import traceback
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time, timedelta
 from pathlib import Path
@@ -20,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, extra
+from twin.base.errors import LogError, extra, one_line
 from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
 
 MAX_DEPTH = 6
@@ -469,3 +473,61 @@ def read_tdms(path: Path) -> ForeignTable:
                 offset = float(channel.properties.get("wf_start_offset", 0.0))
                 clocks[name] = offset + step * np.arange(len(values))
     return ForeignTable(columns, units, clocks=clocks)
+
+
+def read_mdf(path: Path) -> ForeignTable:
+    """The channels of a measurement file of ASAM, each with the times of its group.
+
+    A channel of a name that several groups have is called ``NAME.GROUP``, groups counted from 1.
+    """
+    with extra(LOGS_EXTRA, f"{path.name}: a measurement file"):
+        from asammdf import MDF  # noqa: PLC0415
+    columns: dict[str, Array | list[str]] = {}
+    units: dict[str, str] = {}
+    clocks: dict[str, Array] = {}
+    with _quiet_finalisers(), path.open("rb") as opened, MDF(opened) as file:
+        groups: list[Any] = list(file.groups)
+        rows = [group.channel_group.cycles_nr for group in groups]
+        every = [
+            (k, channel.name, number)
+            for k, group in enumerate(groups)
+            for number, channel in enumerate(group.channels)
+            if number != file.masters_db.get(k)
+        ]
+        check_size(max(rows, default=0), len(every), 1, path.stat().st_size)
+        _check_bytes(8 * sum(rows[k] for k, *_ in every), path)
+        names = [name for _, name, _ in every]
+        for k, name, number in every:
+            signal = file.get(group=k, index=number)
+            values = np.asarray(signal.samples)
+            if values.dtype.kind not in "biuf" or values.ndim != 1 or len(values) < 2:
+                continue
+            own = name if names.count(name) == 1 else f"{name}.{k + 1}"
+            columns[own] = numbers_of(values)
+            clocks[own] = np.asarray(signal.timestamps, dtype=float)
+            if signal.unit:
+                units[own] = str(signal.unit)
+    return ForeignTable(columns, units, clocks=clocks)
+
+
+@contextmanager
+def _quiet_finalisers() -> Iterator[None]:
+    """Keep objects that a broken file left half made from printing an error when they are deleted.
+
+    Raises:
+        ValueError: What was raised inside, without the objects that its traceback holds.
+    """
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    message = ""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:  # noqa: BLE001  asammdf raises whatever its parsing meets
+        message = one_line(error) or type(error).__name__
+        traceback.clear_frames(error.__traceback__)
+    finally:
+        gc.collect()
+        sys.unraisablehook = hook
+    if message:
+        raise ValueError(message)
