@@ -9,13 +9,23 @@ plain model of five numbers is fitted by scipy for comparison.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from controllers.arrays import Array
+from docs.pages import HERE, filled, kept, wilson, write
+from twin.base.errors import LogError
+from twin.cli.output import progress
+from twin.identify.any_rig import _join_logs, _split_axes, identify_axes
+from twin.identify.logs import AnyLog, AxisLog
+from twin.study.work import digest
 
 STEP_S = 1e-3
 """Step of the simulation."""
@@ -154,6 +164,18 @@ def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Arra
     return time, time * (1 + rig.drift), ball, commands, angles
 
 
+def simulate_turned(seed: int, rig: Rig, angle: float) -> dict[str, tuple[Array, ...]]:
+    """Logs as `simulate_log` gives them of both axes of a rig that are turned by an angle in rad.
+
+    The tilt of each axis moves the ball along the other by its sine. Along y a positive tilt moves
+    it the other way. The plate of y stays as it was without the turn of x.
+    """
+    y = simulate_log(seed + 1000, rig)
+    x = simulate_log(seed, rig, across=math.sin(angle) * rig.gain * y[4])
+    y = simulate_log(seed + 1000, rig, across=-math.sin(angle) * rig.gain * x[4])
+    return {"x": x, "y": (y[0], y[1], y[2], -y[3], y[4])}
+
+
 LEAD_S, AHEAD_S = 0.4, 1.0
 """Windows of the plain model: time from which a prediction starts, and its length."""
 GRID_S = 0.01
@@ -253,3 +275,131 @@ def predict_five_numbers(
         begun = np.linalg.lstsq(start[lead], (where - pushed)[lead], rcond=None)[0]
         errors[w] = (pushed + start @ begun - where)[last]
     return errors
+
+
+RIGS = 12
+"""Rigs of each kind."""
+SECONDS = 36.0
+"""Length of a log; a third of it is held out."""
+DRAWN = {
+    "gain": (5.0, 8.0),
+    "dead_time": (0.02, 0.1),
+    "lag": (0.02, 0.1),
+    "friction": (0.01, 0.06),
+    "level": (-0.05, 0.05),
+    "noise": (2e-4, 6e-4),
+    "rate": (30.0, 100.0),
+}
+"""Ranges from which rigs are drawn evenly, SI."""
+KINDS: dict[str, tuple[str, dict[str, tuple[float, float]]]] = {
+    "none": ("none", {}),
+    "play": ("play of 0.5 to 1.2 deg", {"play": (0.009, 0.021)}),
+    "filtered": ("positions filtered with 40 to 100 ms", {"filtered": (0.04, 0.1)}),
+    "drift": ("clock of the camera 200 to 800 ppm fast", {"drift": (2e-4, 8e-4)}),
+    "untold": ("times off by 0.2 to 0.5 periods, logged as even", {"irregular": (0.2, 0.5)}),
+    "servo_step": ("servo with steps of 0.5 to 1.5 deg", {"servo_step": (0.009, 0.026)}),
+    "softening": ("gain that falls by 0.5 to 2 by rad", {"softening": (0.5, 2.0)}),
+    "presliding": ("friction that builds up over 0.3 to 3 mm", {"presliding": (3e-4, 3e-3)}),
+    "tube": ("end stops, a third of the time at one", {}),
+}
+"""Kind of an error of the model to its name in words, and the ranges of its size."""
+CHECKED = ("gain", "delay", "friction")
+
+
+def draw_rig(kind: str, seed: int) -> Rig:
+    """A rig with one error of the model."""
+    rng = np.random.default_rng([seed, list(KINDS).index(kind)])
+    ranges = DRAWN | KINDS[kind][1]
+    values: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in ranges.items()}
+    if kind == "tube":
+        few = {name: values[name] for name in ("gain", "friction", "noise")}
+        return replace(TUBE, seconds=72.0, dead_time=0.02 + values["lag"] / 2, **few)
+    return replace(Rig(seconds=SECONDS, told=kind != "untold"), **values)
+
+
+def identify_rig(kind: str, seed: int) -> dict[str, Any]:
+    """A rig, and what `identify` and the plain model say of it."""
+    rig = draw_rig(kind, seed)
+    time, sampled, ball, command, _ = simulate_log(seed, rig)
+    log = AnyLog("rig.csv", {"x": AxisLog(time, command, True, sampled, ball)}, {"x": "rad"}, ())
+    truth = {
+        "gain": rig.gain,
+        "delay": rig.dead_time + rig.lag + rig.filtered,
+        "friction": rig.friction,
+    }
+    try:
+        found = identify_axes([log], 1 / 3)
+    except LogError as error:
+        return {"rig": asdict(rig), "truth": truth, "refused": str(error)}
+    told = {each.name[:-2]: (each.value, each.low, each.high, each.word) for each in found.verdicts}
+    known, held = (_join_logs([each["x"]]) for each in _split_axes(log, 1 / 3))
+    plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
+    errors = {}
+    if "x" in found.predictions:
+        each = found.predictions["x"]
+        both = {
+            "identify": each.errors("level followed", 1.0),
+            "five numbers": predict_five_numbers(
+                plain, held.time, held.tilt, held.sampled, held.ball, each.begin
+            ),
+        }
+        errors = {w: float(np.nanmedian(np.abs(e[each.moves]))) for w, e in both.items()}
+    return {"rig": asdict(rig), "truth": truth, "told": told, "errors": errors}
+
+
+def known_rig(kind: str, seed: int) -> dict[str, Any]:
+    """The same, as kept, or found and then kept."""
+    key = digest(f"{_read_sources()} {kind} {seed}")
+    return kept("errors", key, lambda: identify_rig(kind, seed))
+
+
+@cache
+def _read_sources() -> str:
+    """What the results depend on, as it is when the first rig is identified."""
+    room = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
+    return " ".join(each.read_text(encoding="utf-8") for each in (Path(__file__), *room))
+
+
+def count_held(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    """How many rigs have a parameter identified, and how many of these intervals hold the truth."""
+    told = [(each["truth"][name], each["told"].get(name)) for each in found if "told" in each]
+    sure = [(truth, one) for truth, one in told if one and one[3] == "identified"]
+    held = sum(one[1] <= truth <= one[2] for truth, one in sure)
+    return {"identified": len(sure), "held": held, "share": wilson(held, len(sure))}
+
+
+def make_page(found: dict[str, list[dict[str, Any]]]) -> str:
+    """The page of what was found, kind to rigs."""
+    rows = []
+    for kind, rigs in found.items():
+        errors = [each["errors"] for each in rigs if each.get("errors")]
+        medians = {
+            who: 1000 * float(np.median([each[who] for each in errors]))
+            for who in ("identify", "five numbers")
+        }
+        better = sum(each["identify"] <= each["five numbers"] for each in errors)
+        rows.append(
+            {
+                "kind": KINDS[kind][0],
+                "rigs": len(rigs),
+                "counts": {name: count_held(rigs, name) for name in CHECKED},
+                "medians": medians,
+                "better": better,
+            }
+        )
+    return filled("identify_errors", seconds=SECONDS, rows=rows, checked=CHECKED)
+
+
+def main() -> None:
+    """What identify says of rigs that its model does not describe."""
+    found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+    with progress("rigs", RIGS * len(KINDS)) as advance:
+        for k in range(RIGS * len(KINDS)):
+            kind = list(KINDS)[k % len(KINDS)]
+            found[kind].append(known_rig(kind, k // len(KINDS)))
+            advance(k + 1)
+    write(HERE / "identify_errors.md", make_page(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -433,9 +433,8 @@ def test_dead_band_and_slew_of_the_drives_are_found_and_bias_nothing_else(axis_o
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "other"), [("play", "dead_band"), ("dead_band", "play")])
 def test_play_and_dead_band_are_told_apart_over_twelve_rigs(axis_of, name, other):
-    """Both models are fitted to the same windows; the truth is of 0.8 degrees, half of it play."""
-    width = np.radians(0.8)
-    truth = {"play": width / 2, "dead_band": width}[name]
+    """Both models are fitted to the same windows; the truth is of 0.8 degrees."""
+    width = truth = np.radians(0.8)
     held = 0
     for seed in range(12):
         rig = {"gain": 7.007, "dead_time": 0.05, "lag": 0.05, "friction": 0.025}

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from docs.identify_errors import Rig, simulate_log
-from twin.identify.any_rig import describe_drift, identify_axes
 from twin.identify.first_look import look_first
-from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.logs import AxisLog
 from twin.identify.suspicions import are_axes_exchanged, describe_suspicions
 
 SOLID, HOLLOW = 5 / 7, 3 / 5
@@ -102,19 +101,3 @@ def test_a_log_with_a_slower_clock_begins_at_the_same_time(log):
     assert slow.sampled[0] == pytest.approx(log.sampled[0])
     assert np.ptp(slow.sampled) == pytest.approx(np.ptp(log.sampled) / 1.01)
     assert (slow.time == log.time).all()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("drift", "seed"), [(5e-4, 1), (-3e-4, 2), (0.0, 3)])
-def test_a_clock_that_drifts_is_corrected_and_told_with_its_interval(drift, seed):
-    said, log = [], axis_of(seed, Rig(drift=drift))
-    found = identify_axes([AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())], 1 / 3, say=said.append)
-    told = [note for note in found.notes if "the clock of the positions is" in note]
-    assert len(told) == (drift != 0)
-    if drift:
-        ppm = float(told[0].split("positions is ")[1].split(" ppm")[0])
-        assert ppm == pytest.approx(1e6 * drift, abs=100)
-        assert any("fitting again" in line for line in said)
-    delay = next(each for each in found.verdicts if each.name == "delay_x")
-    assert delay.value == pytest.approx(0.1, abs=0.003)
-    assert "+500 ppm (400 to 600)" in describe_drift(5e-4, 1e-4)

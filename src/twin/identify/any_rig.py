@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +13,9 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
+from twin.base.page import digits
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
+from twin.identify.corrections import Correction, find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
 from twin.identify.first_look import FirstLook, look_first, look_plainly_in_several_ways
 from twin.identify.least_squares import Estimate
@@ -25,7 +28,6 @@ from twin.identify.plain_model import (
     AxisFitting,
     add_drive_effects,
     cross_validate,
-    find_clock_drift,
     find_significance,
     fit_axis,
     predict_axis,
@@ -79,9 +81,6 @@ class AxisSelection:
         pause_between_logs_s: Pause put between two logs that are fitted as one.
         earlier_commands_s: Time for which commands before a log or a pause may move the ball: its
             samples are left out.
-        min_drift_ratio: Drift of a clock, in half-widths of its interval, above which the clock is
-            corrected.
-        min_drift: The same as a share.
         fitting: Constants of the fits.
     """
 
@@ -99,12 +98,12 @@ class AxisSelection:
     bound_probability: float = 0.95
     pause_between_logs_s: float = 10.0
     earlier_commands_s: float = 0.5
-    min_drift_ratio: float = 2.0
-    min_drift: float = 5e-5
     fitting: AxisFitting = AXIS_FITTING
 
 
 AXIS_SELECTION = AxisSelection()
+DELAYS_S = {True: (0.0, 0.5), False: (-0.1, 0.5)}
+"""Smallest and largest dead time of commands, and of angles that are measured."""
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
 """Processor time of the fit of an axis in s, and the same for each second of its log."""
 SLOWEST_RATIO = 4
@@ -188,8 +187,6 @@ def identify_axes(
     heights: tuple[float, float] | None = None,
     selection: AxisSelection = AXIS_SELECTION,
     say: Callable[[str], object] = lambda _: None,
-    *,
-    clock: str = "",
 ) -> AxisIdentification:
     """Fit the plain model to logs and predict others, or their last share.
 
@@ -206,7 +203,6 @@ def identify_axes(
         heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
         selection: Constants of the fit.
         say: Called with lines on the work: what is fitted, how long that takes, and a first look.
-        clock: How a clock of the logs was corrected, in words; empty if it was not.
 
     Raises:
         LogError: If no axis can be identified: what each of them lacks.
@@ -217,45 +213,49 @@ def identify_axes(
         raise LogError("ball_height: it tells the lever; leave that out of the parameters")
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
-    notes = [*filter(None, (clock,)), *(note for log in logs for note in log.notes)]
+    notes = [note for log in logs for note in log.notes]
     first = logs[0]
-    parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
-    known = [part[0] for part in parts]
-    others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
-    joined = {
-        axis: _join_logs([part[axis] for part in known], levers.get(axis), selection)
-        for axis in first.unit
-    }
+
+    def part_and_join() -> tuple[list[dict[str, AxisLog]], dict[str, AxisLog]]:
+        parts = [
+            _split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
+        ]
+        return parts, {
+            axis: _join_logs([part[axis] for part in parts], levers.get(axis), selection)
+            for axis in first.unit
+        }
+
+    known, joined = part_and_join()
     say(_describe_work(joined, first.source))
     looks = {axis: look_first(log) for axis, log in joined.items()}
-    for axis, log in list(joined.items()):
-        if look := looks[axis]:
+    for axis, look in looks.items():
+        if look:
             say(look.describe(axis, first.unit[axis]))
-            joined[axis] = replace(log, stops=find_end_stops(log, look))
-            notes += describe_stops(axis, joined[axis])
     for suspicion in describe_suspicions(joined, first.unit, looks, factor):
         say(f"warning: {suspicion}")
         notes.append(suspicion)
+    joined = _find_stops(joined, looks)
+    correction = _find_correction(joined, looks, first.unit, selection)
+    if correction.notes:
+        notes += correction.notes
+        for note in correction.notes:
+            say(f"warning: {note}")
+        logs = [correction.apply(log) for log in logs]
+        held = held if isinstance(held, float) else [correction.apply(log) for log in held]
+        known, joined = part_and_join()
+        looks = {axis: look_first(log) for axis, log in joined.items()}
+        joined = _find_stops(joined, looks)
+    for axis, log in joined.items():
+        notes += describe_stops(axis, log)
+    others = (
+        [_split_axes(log, held)[1] for log in logs]
+        if isinstance(held, float)
+        else [log.axes for log in held]
+    )
     fits, found, reasons, remarks_on_fits = _fit_axes(
         joined, first.unit, looks, names, selection, progress
     )
     notes += remarks_on_fits
-    drift, half = _mean_drift(fits)
-    if abs(drift) > max(selection.min_drift_ratio * half, selection.min_drift) and not clock:
-        corrected = describe_drift(drift, half)
-        say(f"warning: {corrected}; fitting again")
-        return identify_axes(
-            [log.with_clock(drift) for log in logs],
-            held if isinstance(held, float) else [log.with_clock(drift) for log in held],
-            names,
-            factor,
-            progress,
-            ball,
-            on,
-            heights,
-            selection,
-            clock=corrected,
-        )
     if not any(each.value is not None for each in found):
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
@@ -268,6 +268,7 @@ def identify_axes(
     remarks = [
         _describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad"
     ]
+    notes += _describe_lags([each for each in found if first.axes[each.name[-1]].held])
     progress(1.0, "")
     return AxisIdentification(
         source=first.source,
@@ -285,27 +286,33 @@ def identify_axes(
     )
 
 
-def _mean_drift(fits: Mapping[str, AxisFit]) -> tuple[float, float]:
-    """Drift of the clock of the positions by all axes, and its half-width."""
-    each = [find_clock_drift(fit) for fit in fits.values()]
-    weights = np.array([half**-2.0 if np.isfinite(half) and half > 0 else 0.0 for _, half in each])
-    if not weights.sum():
-        return 0.0, math.inf
-    return float(weights @ [drift for drift, _ in each] / weights.sum()), weights.sum() ** -0.5
+def _find_stops(
+    logs: Mapping[str, AxisLog], looks: Mapping[str, FirstLook | None]
+) -> dict[str, AxisLog]:
+    """The logs of the axes with their end stops, by first looks at them."""
+    found = {}
+    for axis, log in logs.items():
+        look = looks[axis]
+        found[axis] = replace(log, stops=find_end_stops(log, look)) if look else log
+    return found
 
 
-def describe_drift(drift: float, half: float) -> str:
-    """A note on a clock that was corrected.
-
-    Args:
-        drift: By how much the clock of the positions is faster, as a share.
-        half: Half-width of its interval.
-    """
-    return (
-        f"the clock of the positions is {1e6 * drift:+.0f} ppm ({1e6 * (drift - half):.0f} to "
-        f"{1e6 * (drift + half):.0f}) off the clock of the commands: corrected; dead times are "
-        "those of the beginning of the log"
-    )
+def _find_correction(
+    logs: Mapping[str, AxisLog],
+    looks: Mapping[str, FirstLook | None],
+    units: Mapping[str, str],
+    selection: AxisSelection,
+) -> Correction:
+    """What a fit of the usual parameters leaves of clock, other axis and a gain that bends."""
+    fits = {}
+    for axis, log in logs.items():
+        with suppress(LogError):
+            _check_excited(log)
+            each = _fit_between_stops(log, selection)
+            names = (*(n for n in SMOOTH_PARAMETERS if log.held or n != "lag"), "friction")
+            delays = DELAYS_S[log.held]
+            fits[axis] = fit_axis(log, names, each.window_s, delays, each.fitting, looks[axis])
+    return find_correction(fits, units)
 
 
 def _fit_axes(
@@ -518,7 +525,7 @@ def _select_model(
         *(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"),
         *(requested or ("friction",)),
     )
-    delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
+    delays = DELAYS_S[log.held]
     advance(0.0, "windows from no first guess")
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
     fits = [fit_axis(each, chosen, longest, delays, fitting, look) for each in ways]
@@ -678,7 +685,7 @@ def _assess_axis(
     }
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     swing = fit.problem.tilt.scale
-    scales = {"gain": 1 / swing, "dead_band": swing, "play": swing}
+    scales = {"gain": 1 / swing, "dead_band": swing, "play": 2 * swing}
     found: list[ParameterVerdict] = []
     for k, name in enumerate(rows):
         others = [
@@ -724,7 +731,8 @@ def _bound_hidden(
     """
     probability, swing = selection.bound_probability, fit.problem.tilt.scale
     least, most = np.quantile(moved, (1 - probability, probability)).tolist()
-    by, about = swing if name in {"dead_band", "play"} else 1.0, PLAIN_PARAMETERS[name]
+    by = {"dead_band": swing, "play": 2 * swing}.get(name, 1.0)
+    about = PLAIN_PARAMETERS[name]
     none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not distinguishable from zero")
     if (value := dict(fit.rivals).get(name)) is not None:
         most = max(most, (1 + about.relative) * value)
@@ -740,6 +748,24 @@ def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
         swing / end if end else None for end in (found.high, found.value, found.low)
     )
     return replace(found, low=low, value=value, high=high)
+
+
+def _describe_lags(verdicts: Sequence[ParameterVerdict]) -> list[str]:
+    """Notes on delays that a scenario has not: of a filter, and different ones of the axes."""
+    known = {each.name: each for each in verdicts if each.word == IDENTIFIED_VERDICT}
+    notes = []
+    if {"lag_x", "lag_y", "delay_x", "delay_y"} & known.keys():
+        notes.append(
+            "a lag is that of the drives or of a filter of the positions: a log of commands cannot "
+            "tell which, and parameters.toml gives it to the drives"
+        )
+    x, y = (known.get(f"delay_{axis}") for axis in "xy")
+    if x and y and (max(x.low or 0, y.low or 0) > min(x.high or 0, y.high or 0)):
+        notes.append(
+            f"dead time + lag differ along x ({digits(x.value)} s) and y ({digits(y.value)} s): a "
+            "scenario has one of each, and parameters.toml has their means"
+        )
+    return notes
 
 
 def assess_plainly(

@@ -333,6 +333,12 @@ class AxisLog:
         since = self.sampled - begin[:, None]
         return self._where(np.asarray(((since < 0) | (since >= seconds)).all(axis=0)))
 
+    def tilt_at(self, time: Array) -> Array:
+        """The tilt at times in s."""
+        if not self.held:
+            return np.interp(time, self.time, self.tilt)
+        return self.tilt[np.maximum(np.searchsorted(self.time, time, "right") - 1, 0)]
+
     def with_clock(self, drift: float) -> AxisLog:
         """This log with the clock of its samples slowed down, which is faster by a share."""
         first = self.time[0]
@@ -360,10 +366,6 @@ class AnyLog:
     axes: Mapping[str, AxisLog]
     unit: Mapping[str, str]
     notes: tuple[str, ...]
-
-    def with_clock(self, drift: float) -> AnyLog:
-        """This log with the clock of its positions slowed down, which is faster by a share."""
-        return replace(self, axes={axis: e.with_clock(drift) for axis, e in self.axes.items()})
 
     def on(self, scenario: Scenario, later: float = 0.0) -> Log:
         """As the rig of a scenario would have recorded it, a row every control period.

@@ -68,6 +68,8 @@ START_PRECISION = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
+ADMIXTURE_DIFFERENCE = 0.02
+"""Step of finite differences of a further tilt, in swings of the tilt."""
 SMOOTH_PARAMETERS = ("gain", "dead_time", "lag", "level")
 """Parameters that are always fitted; the lag of a measured angle is 0."""
 
@@ -1000,22 +1002,56 @@ def find_significance(fit: AxisFit, name: str) -> float:
 def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
     """By how much the clock of the positions is faster than that of the commands, and its error.
 
-    The dead time of the fit grows by it: one step of the fit with one parameter more, the dead time
-    times the time since the middle of the log. The error is the half-width of its interval.
+    The dead time grows by it. The error is the half-width of its interval.
     """
     fit = fit.windowed or fit
-    line, begin = fit.found.linearisation, fit.problem.windows.begin
-    by_time = line.by_parameter[..., fit.problem.names.index("dead_time")]
-    by_drift = by_time * (begin - begin.mean())[:, None]
-    slopes = np.concatenate((line.by_parameter, by_drift[..., None]), axis=-1)
+    begin = fit.problem.windows.begin
+    by_time = fit.found.linearisation.by_parameter[0, ..., fit.problem.names.index("dead_time")]
+    (drift, _), (half, _) = _step_by(fit, by_time * (begin - begin.mean())[:, None])
+    return drift, half
+
+
+def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
+    """Share of further tilt that acts along with the tilt, its error, and the gain next to it.
+
+    Args:
+        fit: Of the axis.
+        more: The further tilt, when each command begins, shape (K,).
+
+    Returns:
+        The share, the half-width of its interval, and the gain in m/s^2 by the unit of the tilt.
+    """
+    fit = fit.windowed or fit
+    size = float(np.std(more)) or 1.0
+    share = ADMIXTURE_DIFFERENCE * fit.problem.tilt.scale / size
+    mixed = replace(fit.log, tilt=fit.log.tilt + share * more)
+    problem = replace(fit.problem, tilt=TiltHistory(mixed, fit.problem.tilt.scale))
+    moved = problem.linearise(fit.found.theta, fit.found.starts, slopes=False)
+    (found, gain), (half, _) = _step_by(fit, (moved.r - fit.found.linearisation.r)[0] / share)
+    return found, half, gain / fit.problem.tilt.scale
+
+
+def _step_by(fit: AxisFit, slope: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """One step of a fit with one parameter more: its value and the gain, and their half-widths.
+
+    Args:
+        fit: The fit, in which the parameter is zero.
+        slope: Of the residuals by the parameter, shape (W, M).
+    """
+    line = fit.found.linearisation
+    slopes = np.concatenate((line.by_parameter, slope[None, ..., None]), axis=-1)
     free, _ = line._replace(by_parameter=slopes).eliminate_starts()
     weight = fit.problem.weights(line.r)[0]
     r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
     information = np.einsum("wmi,wmj,w->wij", J, J, weight)
     score = np.einsum("wmi,wm,w->wi", J, r, weight)
     step = -np.linalg.pinv(information.sum(axis=0), hermitian=True) @ score.sum(axis=0)
-    moved = estimate(step, information, score + information @ step)
-    return float(step[-1]), float(moved.half_width[-1])
+    half = estimate(step, information, score + information @ step).half_width
+    gain = fit.problem.names.index("gain")
+    return (float(step[-1]), fit.value("gain") + float(step[gain])), (
+        float(half[-1]),
+        float(half[gain]),
+    )
 
 
 def cross_validate(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:

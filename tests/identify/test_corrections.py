@@ -1,0 +1,108 @@
+"""`twin.identify.corrections`: clocks, turned axes and bent gains, taken out of logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from docs.identify_errors import Rig, simulate_log, simulate_turned
+from twin.identify.any_rig import identify_axes
+from twin.identify.corrections import (
+    Correction,
+    describe_bend,
+    describe_crossed,
+    describe_drift,
+    find_correction,
+)
+from twin.identify.first_look import look_first
+from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.plain_model import fit_axis
+
+
+def test_a_correction_undoes_clock_turned_axes_and_a_bent_gain():
+    time = np.arange(0.0, 10.0, 0.1)
+    x = AxisLog(time, 0.1 * np.sin(time), True, 1.001 * time, np.cos(time))
+    y = replace(x, tilt=0.1 * np.cos(3 * time))
+    log = AnyLog("a.csv", {"x": x, "y": y}, {"x": "rad", "y": "rad"}, ())
+    found = Correction(1e-3, {"x": 0.05}, {"y": -2.0}).apply(log)
+    np.testing.assert_allclose(found.axes["x"].sampled, time, atol=1e-12)
+    np.testing.assert_allclose(found.axes["x"].tilt, x.tilt + 0.05 * y.tilt)
+    np.testing.assert_allclose(found.axes["y"].tilt, y.tilt * (1 - 2 * np.abs(y.tilt)))
+    assert (found.axes["x"].time == time).all()
+    none = Correction().apply(log).axes["x"]
+    assert (none.tilt == x.tilt).all()
+    np.testing.assert_allclose(none.sampled, x.sampled)
+
+
+def test_notes_say_what_was_found_with_its_interval():
+    assert "+500 ppm (400 to 600)" in describe_drift(5e-4, 1e-4)
+    assert "by -0.052 (-0.062 to -0.042), as of axes that are turned by 3.0 deg" in (
+        describe_crossed("y", -0.0524, 0.01)
+    )
+    assert "7 at small tilts and 5.5 at the largest" in describe_bend("x", 7.0, 5.5)
+
+
+def fits_of(axes):
+    names = ("gain", "dead_time", "lag", "level", "friction")
+    return {
+        axis: fit_axis(log, names, 2.5, (0.0, 0.5), look=look_first(log))
+        for axis, log in axes.items()
+    }
+
+
+def axis_of(simulated):
+    time, sampled, ball, command, _ = simulated
+    return AxisLog(time, command, True, sampled, ball)
+
+
+def find(seed, rig):
+    return find_correction(fits_of({"x": axis_of(simulate_log(seed, rig))}), {"x": "rad"})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("drift", "seed"), [(5e-4, 1), (-3e-4, 2), (0.0, 3)])
+def test_a_clock_that_drifts_is_found(drift, seed):
+    found = find(seed, Rig(seconds=30.0, drift=drift))
+    assert found.drift == pytest.approx(drift, abs=1e-4)
+    assert len(found.notes) == (drift != 0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("softening", [1.5, -1.0])
+def test_a_gain_that_changes_with_the_angle_is_found(softening):
+    found = find(1, Rig(seconds=30.0, softening=softening))
+    assert found.bends["x"] == pytest.approx(-softening, abs=0.3)
+    (note,) = found.notes
+    assert float(note.split("gain is ")[1].split(" at small")[0]) == pytest.approx(7.007, rel=0.01)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rig", [Rig(), Rig(presliding=1e-3, friction=0.05), Rig(filtered=0.08)])
+def test_nothing_is_taken_out_of_a_log_that_has_none_of_it(rig):
+    assert find(4, rig) == Correction()
+
+
+@pytest.mark.long
+def test_axes_that_are_turned_are_turned_back():
+    turned = simulate_turned(1, Rig(seconds=30.0), np.radians(3.0))
+    axes = {axis: axis_of(each) for axis, each in turned.items()}
+    found = find_correction(fits_of(axes), dict.fromkeys("xy", "rad"))
+    assert set(found.crossed) == {"x", "y"}
+    for share in found.crossed.values():
+        assert abs(share) == pytest.approx(np.sin(np.radians(3.0)), abs=0.01)
+    back = found.apply(AnyLog("rig.csv", axes, dict.fromkeys("xy", "rad"), ())).axes
+    assert find_correction(fits_of(back), dict.fromkeys("xy", "rad")).crossed == {}
+
+
+@pytest.mark.long
+def test_identify_fits_the_log_that_is_corrected():
+    said, log = [], axis_of(simulate_log(1, Rig(drift=5e-4)))
+    found = identify_axes([AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())], 1 / 3, say=said.append)
+    (note,) = [note for note in found.notes if "the clock of the positions is" in note]
+    assert f"warning: {note}" in said
+    (delay,) = [each for each in found.verdicts if each.name == "delay_x"]
+    assert delay.value == pytest.approx(0.1, abs=0.003)
+    (score,) = found.scores
+    assert score.median["model"][1] < 1e-3
