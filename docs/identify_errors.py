@@ -15,6 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from scipy.optimize import minimize
 from scipy.signal import lfilter
@@ -277,8 +278,6 @@ def predict_five_numbers(
     return errors
 
 
-RIGS = 12
-"""Rigs of each kind."""
 SECONDS = 36.0
 """Length of a log; a third of it is held out."""
 DRAWN = {
@@ -390,11 +389,13 @@ def make_page(found: dict[str, list[dict[str, Any]]]) -> str:
     return filled("identify_errors", seconds=SECONDS, rows=rows, checked=CHECKED)
 
 
-def main() -> None:
+@click.command()
+@click.option("--rigs", type=click.IntRange(1), default=12, help="Rigs of each kind.")
+def main(rigs: int) -> None:
     """What identify says of rigs that its model does not describe."""
     found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
-    with progress("rigs", RIGS * len(KINDS)) as advance:
-        for k in range(RIGS * len(KINDS)):
+    with progress("rigs", rigs * len(KINDS)) as advance:
+        for k in range(rigs * len(KINDS)):
             kind = list(KINDS)[k % len(KINDS)]
             found[kind].append(known_rig(kind, k // len(KINDS)))
             advance(k + 1)

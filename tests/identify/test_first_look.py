@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.any_rig import AXIS_SELECTION, PLAIN_WHY, identify_axes
+from twin.identify.any_rig import AXIS_SELECTION, identify_axes
 from twin.identify.command_model import TiltHistory
+from twin.identify.fallback import PLAIN_WHY
 from twin.identify.first_look import (
     WEAK_FORM,
     look_first,

@@ -17,10 +17,11 @@ from twin.base.page import digits
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
 from twin.identify.corrections import Correction, find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
-from twin.identify.first_look import FirstLook, look_first, look_plainly_in_several_ways
+from twin.identify.fallback import assess_plainly
+from twin.identify.first_look import FirstLook, look_first
 from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
-from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
+from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter, plain_parameter
 from twin.identify.plain_model import (
     AXIS_FITTING,
     SMOOTH_PARAMETERS,
@@ -42,7 +43,6 @@ from twin.identify.verdicts import (
     IDENTIFIED_VERDICT,
     MAX_CORRELATION,
     NOT_IDENTIFIABLE,
-    PLAIN_VERDICT,
     Identification,
     ParameterVerdict,
     Predicted,
@@ -51,8 +51,6 @@ from twin.identify.verdicts import (
 )
 from twin.identify.windows import spans, usual_free_time
 
-PLAIN_WHY = "by the plain linear model, as the full one does not show the gain"
-"""Reason of a verdict of the plain model."""
 LEVER_HELD_MESSAGE = "held: the given height and 2/3 of a hollow, 2/5 of a solid ball's radius"
 """Message for a lever that is computed from the given height."""
 
@@ -162,8 +160,12 @@ class AxisIdentification(Identification):
             lines["predictor.delay"] = dead_time
         if "lag" in mean:
             alone = any(accepted.get(f"lag_{axis}") for axis in "xy")
-            remark = "" if alone else "  # its sum with the dead time is known, neither by itself"
-            lines["rig.plate_lag"] = f"{mean['lag']:.6g}{remark}"
+            remark = (
+                "of the drives or of a filter of the positions"
+                if alone
+                else "its sum with the dead time is known, neither by itself"
+            )
+            lines["rig.plate_lag"] = f"{mean['lag']:.6g}  # {remark}"
             lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
@@ -354,7 +356,7 @@ def _fit_axes(
             reasons.append(f"{axis}: {error}")
             unknown = [
                 ParameterVerdict(
-                    about=_about(name, units[axis]), name=f"{name}_{axis}", why=str(error)
+                    about=plain_parameter(name, units[axis]), name=f"{name}_{axis}", why=str(error)
                 )
                 for name in (*SMOOTH_PARAMETERS, "friction")
             ]
@@ -642,13 +644,6 @@ def _describe_gained(what: str, error: float, without: float) -> str:
     )
 
 
-def _about(name: str, unit: str) -> IdentifiedParameter:
-    if name == "delay":
-        return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag")
-    about = PLAIN_PARAMETERS[name]
-    return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
-
-
 def _assess_axis(
     fit: AxisFit, axis: str, unit: str, selection: AxisSelection = AXIS_SELECTION
 ) -> list[ParameterVerdict]:
@@ -699,7 +694,7 @@ def _assess_axis(
         values = (own.value[k], low[k], high[k])
         indistinct = [] if name == "delay" else others
         verdict = _assess_parameter(
-            _about(name, unit),
+            plain_parameter(name, unit),
             f"{name}_{axis}",
             values,
             ends[k],
@@ -766,66 +761,6 @@ def _describe_lags(verdicts: Sequence[ParameterVerdict]) -> list[str]:
             "scenario has one of each, and parameters.toml has their means"
         )
     return notes
-
-
-def assess_plainly(
-    log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
-) -> tuple[list[ParameterVerdict], list[str]]:
-    """Verdicts with those of the plain linear model where the full one does not show the gain.
-
-    Their intervals hold what windows of several lengths give, with damping and without: as far as
-    these differ, the plain model is in error.
-
-    Args:
-        log: The axis.
-        axis: x or y.
-        unit: Unit of the tilt.
-        verdicts: Of the full model.
-
-    Returns:
-        All verdicts, and a note on what was done.
-    """
-    words = {each.name: each.word for each in verdicts}
-    looks = look_plainly_in_several_ways(log)
-    if words[f"gain_{axis}"] == IDENTIFIED_VERDICT or not looks:
-        return list(verdicts), []
-    first, found = looks[0], {}
-    attributes = {"gain": "gain", "delay": "delay", "level": "level"}
-    if first.damping:
-        attributes["viscous"] = "damping"
-    for name, attribute in attributes.items():
-        spans = [
-            (value - 2 * std, value + 2 * std)
-            for value, std in (
-                (getattr(each, attribute), getattr(each, f"{attribute}_std")) for each in looks
-            )
-        ]
-        low, high = min(each[0] for each in spans), max(each[1] for each in spans)
-        about, value = _about(name, unit), getattr(first, attribute)
-        narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
-        found[name] = ParameterVerdict(
-            about=about,
-            name=f"{name}_{axis}",
-            value=value,
-            low=low,
-            high=high,
-            word=IDENTIFIED_VERDICT if narrow else PLAIN_VERDICT,
-            why=PLAIN_WHY,
-        )
-    kept = [
-        replace(each, value=None, word=NOT_IDENTIFIABLE, why=f"{PLAIN_WHY}; {each.why}")
-        for each in verdicts
-        if each.name.rpartition("_")[0] not in found and each.word != GIVEN_VERDICT
-    ]
-    given = [each for each in verdicts if each.word == GIVEN_VERDICT]
-    share = 100 * first.explained
-    note = (
-        f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, level "
-        f"and damping are those of a plain linear model by the weak form, which explains "
-        f"{share:.0f} % of the motion in {first.windows} windows; dead time from lag, friction "
-        "from damping, and play or dead band are not told apart"
-    )
-    return [*found.values(), *kept, *given], [note]
 
 
 def _append_total_delay(fit: AxisFit) -> Estimate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from twin.base.data_file import read_toml
@@ -65,6 +65,21 @@ PLAIN_PARAMETERS = {
     name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["plain"].items()
 }
 """The plain model of any rig, of each axis; gain, friction and level are accelerations."""
+
+
+def plain_parameter(name: str, unit: str) -> IdentifiedParameter:
+    """A parameter of the plain model, or the sum of its delays.
+
+    Args:
+        name: In ``PLAIN_PARAMETERS``, or ``delay``.
+        unit: Unit of the tilt, of which the gain's unit is made.
+    """
+    if name == "delay":
+        return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag")
+    about = PLAIN_PARAMETERS[name]
+    return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
+
+
 HIDDEN_PARAMETERS = {
     name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["hidden"].items()
 }

@@ -1,0 +1,117 @@
+"""`twin.identify.fallback`: the plain linear model where the full one shows no gain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from docs.identify_errors import (
+    TUBE,
+    Rig,
+    fit_five_numbers,
+    predict_five_numbers,
+    simulate_log,
+)
+from twin.identify.any_rig import (
+    AxisIdentification,
+    _describe_lags,
+    _join_logs,
+    identify_axes,
+)
+from twin.identify.fallback import PLAIN_WHY, assess_plainly
+from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.parameters import plain_parameter
+from twin.identify.report import sentences
+from twin.identify.verdicts import (
+    BOUNDED_VERDICT,
+    IDENTIFIED_VERDICT,
+    NOT_IDENTIFIABLE,
+    PLAIN_VERDICT,
+    ParameterVerdict,
+)
+
+
+def verdict(name, word, value=None, low=None, high=None):
+    about = plain_parameter(name.rpartition("_")[0], "rad")
+    return ParameterVerdict(about=about, name=name, value=value, low=low, high=high, word=word)
+
+
+@pytest.fixture(scope="module")
+def log():
+    rig = Rig(seconds=30.0, viscous=0.8, friction=0.0)
+    time, sampled, ball, command, _ = simulate_log(1, rig)
+    return AxisLog(time, command, True, sampled, ball)
+
+
+def test_a_gain_that_is_identified_needs_no_fallback(log):
+    before = [verdict("gain_x", IDENTIFIED_VERDICT, 7.0, 6.9, 7.1)]
+    assert assess_plainly(log, "x", "rad", before) == (before, [])
+
+
+def test_the_plain_model_gives_its_numbers_with_intervals(log):
+    before = [
+        verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0),
+        verdict("friction_x", BOUNDED_VERDICT, 0.3, 0.0, 0.6),
+    ]
+    found, (note,) = assess_plainly(log, "x", "rad", before)
+    told = {each.name: each for each in found}
+    for name, truth in (("gain_x", 7.007), ("delay_x", 0.1), ("level_x", 0.0), ("viscous_x", 0.8)):
+        assert told[name].low <= truth <= told[name].high
+        assert told[name].why == PLAIN_WHY
+    assert told["gain_x"].word == IDENTIFIED_VERDICT
+    assert told["friction_x"].value is None
+    assert "not told apart" in note
+
+
+def test_a_log_that_shows_nothing_keeps_its_verdicts(log):
+    still = AxisLog(log.time, 0 * log.tilt, True, log.sampled, log.ball)
+    before = [verdict("gain_x", NOT_IDENTIFIABLE)]
+    assert assess_plainly(still, "x", "rad", before) == (before, [])
+
+
+def test_delays_that_no_scenario_has_are_told():
+    lag = verdict("lag_x", IDENTIFIED_VERDICT, 0.05, 0.04, 0.06)
+    x = verdict("delay_x", IDENTIFIED_VERDICT, 0.10, 0.09, 0.11)
+    near = verdict("delay_y", IDENTIFIED_VERDICT, 0.105, 0.095, 0.115)
+    far = verdict("delay_y", IDENTIFIED_VERDICT, 0.15, 0.14, 0.16)
+    assert _describe_lags([verdict("lag_x", NOT_IDENTIFIABLE)]) == []
+    (note,) = _describe_lags([lag])
+    assert "a filter of the positions" in note
+    assert len(_describe_lags([x, near])) == 1
+    assert "0.1 s) and y (0.15 s)" in _describe_lags([x, far])[1]
+
+
+def test_the_report_names_numbers_of_the_plain_model(log):
+    found = AxisIdentification(
+        source="a", seconds=1.0, verdicts=(verdict("gain_x", PLAIN_VERDICT, 7.0, 5.0, 9.0),),
+        scores=(), predictions={}, notes=(), extent="", remarks=(), factor=0.6, ball=None,
+    )  # fmt: skip
+    assert any("plain linear model" in each and "gain" in each for each in sentences(found))
+
+
+def test_five_numbers_are_found_by_scipy_on_a_linear_rig(log):
+    found = fit_five_numbers(log.time, log.tilt, log.sampled, log.ball)
+    assert found.gain == pytest.approx(7.007, rel=0.02)
+    assert found.damping == pytest.approx(0.8, abs=0.06)
+    assert found.dead_time + found.lag == pytest.approx(0.1, abs=0.01)
+    begin = np.arange(1.0, 25.0)
+    off = predict_five_numbers(found, log.time, log.tilt, log.sampled, log.ball, begin)
+    assert np.nanmedian(np.abs(off)) < 2e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "rig", [Rig(), TUBE, Rig(play=0.014), Rig(viscous=0.8), Rig(presliding=2e-3, friction=0.08)]
+)
+def test_another_run_is_predicted_at_least_as_well_as_by_five_numbers(rig):
+    logs = []
+    for seed in (11, 12):
+        time, sampled, ball, command, _ = simulate_log(seed, rig)
+        axis = AxisLog(time, command, True, sampled, ball)
+        logs.append(AnyLog(f"{seed}.csv", {"x": axis}, {"x": "rad"}, ()))
+    found = identify_axes(logs[:1], logs[1:]).predictions["x"]
+    known, held = (_join_logs([each.axes["x"]]) for each in logs)
+    plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
+    other = predict_five_numbers(plain, held.time, held.tilt, held.sampled, held.ball, found.begin)
+    medians = [np.nanmedian(np.abs(e[found.moves])) for e in (found.errors("model", 1.0), other)]
+    assert medians[0] <= medians[1]
