@@ -89,6 +89,7 @@ def test_the_report_names_numbers_of_the_plain_model(log):
     assert any("plain linear model" in each and "gain" in each for each in sentences(found))
 
 
+@pytest.mark.long
 def test_five_numbers_are_found_by_scipy_on_a_linear_rig(log):
     found = fit_five_numbers(log.time, log.tilt, log.sampled, log.ball)
     assert found.gain == pytest.approx(7.007, rel=0.02)
