@@ -665,6 +665,13 @@ def _assess_axis(
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
         word = f"{label} give a different value, which the interval includes: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
+    if "friction" in names and not (fit.windowed or fit).explained:
+        k = names.index("friction")
+        low[k], high[k] = low[k] - own.half_width[k], high[k] + own.half_width[k]
+        reasons[k].append(
+            "the residuals are not white, so its interval is twice as wide: a friction that builds "
+            "up over a way, or sticks, is another"
+        )
     rivals = {PLAIN_PARAMETERS[name].key: value for name, value in fit.rivals}
     for k, name in enumerate(rows):
         if rivals and name in DRIVE_EFFECTS:

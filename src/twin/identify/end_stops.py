@@ -55,7 +55,7 @@ class WallSearch:
     push_share: float = 0.4
     speed_stds: float = 4.0
     min_touches: int = 4
-    min_touch_share: float = 0.5
+    min_touch_share: float = 0.3
     guard_s: float = 0.02
     min_bounce_m_s: float = 0.05
     max_bounce_s: float = 0.15

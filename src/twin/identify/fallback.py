@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from twin.identify.first_look import look_plainly_in_several_ways
+from twin.identify.first_look import look_at_rolling, look_plainly_in_several_ways
 from twin.identify.logs import AxisLog
 from twin.identify.parameters import plain_parameter
 from twin.identify.verdicts import (
@@ -39,6 +39,8 @@ def assess_plainly(
     """
     words = {each.name: each.word for each in verdicts}
     looks = look_plainly_in_several_ways(log)
+    if log.stops is not None and (rolling := look_at_rolling(log)):
+        looks = [rolling]  # between walls its windows are short enough
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT or not looks:
         return list(verdicts), []
     first, found = looks[0], {}

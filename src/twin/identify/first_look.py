@@ -148,7 +148,7 @@ def look_first(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
         log: The axis.
         how: Constants.
     """
-    return _look_at_rolling(log, how) or next(iter(look_plainly_in_several_ways(log, how)), None)
+    return look_at_rolling(log, how) or next(iter(look_plainly_in_several_ways(log, how)), None)
 
 
 def look_plainly_in_several_ways(log: AxisLog, how: WeakForm = WEAK_FORM) -> list[FirstLook]:
@@ -191,8 +191,15 @@ def look_plainly(
     return _describe_solution(log, grid, found, near, how, ("level", "damping"), plain=True)
 
 
-def _look_at_rolling(log: AxisLog, how: WeakForm) -> FirstLook | None:
-    """Gain, delay, level, friction and camber by windows of a ball that rolls in one direction."""
+def look_at_rolling(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
+    """Gain, delay, level, friction and camber by windows of a ball that rolls in one direction.
+
+    None if too few of them show these.
+
+    Args:
+        log: The axis.
+        how: Constants.
+    """
     grid = _Grid.of(log, how)
     if grid is None:
         return None
@@ -469,7 +476,8 @@ def _find_free_windows(
     low, high = np.percentile(ball, [0.5, 99.5])
     near = ball < low + how.end_margin_m, ball > high - how.end_margin_m
     stops = [each if each.mean() > how.min_end_share else np.zeros_like(each) for each in near]
-    touched = maximum_filter1d((stops[0] | stops[1]).astype(np.uint8), size) > 0
+    known = np.interp(time, log.sampled, log.touching) > 0
+    touched = maximum_filter1d((stops[0] | stops[1] | known).astype(np.uint8), size) > 0
     step = float(np.median(np.diff(log.sampled)))
     gap = np.diff(log.sampled) > how.max_gap_steps * step
     last = np.clip(np.searchsorted(log.sampled, time, "right") - 1, 0, len(gap) - 1)

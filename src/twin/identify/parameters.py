@@ -65,6 +65,9 @@ PLAIN_PARAMETERS = {
     name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["plain"].items()
 }
 """The plain model of any rig, of each axis; gain, friction and level are accelerations."""
+DELAY_FLOOR_S = 0.002
+"""Smallest half-width claimed for dead time and lag together, s: a second lag behind the first, as
+of a filter of the positions, moves the sum by so much."""
 
 
 def plain_parameter(name: str, unit: str) -> IdentifiedParameter:
@@ -75,7 +78,7 @@ def plain_parameter(name: str, unit: str) -> IdentifiedParameter:
         unit: Unit of the tilt, of which the gain's unit is made.
     """
     if name == "delay":
-        return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag")
+        return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag", floor=DELAY_FLOOR_S)
     about = PLAIN_PARAMETERS[name]
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
