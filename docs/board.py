@@ -36,7 +36,7 @@ FURTHER = (
     ("afl", "kalman"),
     ("afl", "ekf"),
     ("lqr", "nonlinear_luenberger"),
-    ("lqr", "friction_kalman"),
+    ("afl", "friction_kalman"),
     ("afl", "friction_map_kalman"),
     ("stable_inversion", "friction_map_kalman"),
 )

@@ -94,7 +94,7 @@ MISSING = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if shutil.w
 
 @pytest.mark.long
 @pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)}")
-def test_the_cure_fits_a_board_and_a_period_of_2_ms_at_200_mhz():
+def test_the_cure_fits_the_memory_of_a_board_and_no_period_is_much_longer_than_the_others():
     control = control_of(chosen())
     size = programs.size_of(programs.compile_controller(control, "cortex-m4", "float"), "cortex-m4")
     assert size.flash_bytes < 64_000
@@ -103,6 +103,7 @@ def test_the_cure_fits_a_board_and_a_period_of_2_ms_at_200_mhz():
     instructions = bp.run("cure", keys, duration=4.0)["instructions"].ravel()
     assert instructions[0] < 2_000_000  # the first period samples the path ahead
     assert instructions[1:].max() < 260_000
+    assert instructions[1:].max() < 1.5 * np.median(instructions[1000:])
 
 
 MUTATIONS = (
