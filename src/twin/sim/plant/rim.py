@@ -27,7 +27,7 @@ RIM_FOLLOWERS = Followers(
     equations=GIVEN,
     source=FREE,
     explain="compares no builds of a rig",
-    identify="fits a ball that rolls, and has no wall",
+    identify="finds end stops in a log by itself",
     symbols="have a ball that meets no wall",
 )
 ON_THE_WALL = 1e-9

@@ -1,0 +1,283 @@
+"""Makes plan.md: what identify --plan forecasts of simulated rigs beside what identify then finds.
+
+uv run python docs/plan.py --rigs 34 --again 16
+
+Rigs of the family `uncertain`, drawn by their number, each simulated, identified as a user would,
+and forecast at its own numbers from a run with noise of its own; some are identified twice, from
+runs that differ in their noise. What has been found is kept in runs/plan and used again while the
+code stays the same.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from docs.pages import HERE, filled, kept, wilson, write
+from twin.base.errors import TwinError
+from twin.cli.output import progress
+from twin.identify.logs import Log
+from twin.identify.parameters import DEFAULT_PARAMETERS
+from twin.identify.twin_model import identify_twin
+from twin.identify.verdicts import IDENTIFIED_VERDICT
+from twin.plan.experiment import RigChoice, forecast_motion
+from twin.plan.forecast import forecast_log
+from twin.plan.motion import optimise_motion
+from twin.scenario.schema import Scenario, at_study_step
+from twin.shadow.belief import logs
+from twin.study.schema import draw_rigs, read_family
+from twin.study.work import Builder, code, digest
+
+FAMILY, SCENARIO, SECONDS = "uncertain", "excite", 40.0
+"""Of what the rigs are, what they do, and for how long; the last third is held out."""
+DRAW = 63_201
+"""Of the rigs."""
+SEEN = 14
+"""The first of them, which were looked at while the method was made."""
+FIRST_RUN, SECOND_RUN, PLANNED_RUN = range(3)
+"""Runs of a rig, each with noise of its own."""
+WITHIN = 1.3
+"""Factor within which a forecast is to be."""
+SHOWN = {
+    "rolling": "plant.friction.rolling_mm",
+    "breakaway": "plant.friction.breakaway_ratio",
+    "delay": "sensors.touch.dead_time",
+    "servo": "plant.servo.bandwidth_hz",
+    "level_phi": "plant.level_deg (phi)",
+    "level_theta": "plant.level_deg (theta)",
+}
+
+Found = Mapping[str, Any]
+"""What was found of a rig: why nothing, or parameter to verdict."""
+
+
+def recorded(number: int, run: int) -> tuple[Scenario, Log]:
+    """A rig, by its number in the draw, and the log of one of its runs."""
+    rig = draw_rigs(read_family(FAMILY), DRAW, number + 1)[number]
+    build, fixed = Builder(SCENARIO), [f"duration={SECONDS}"]
+    believed = at_study_step(build(fixed, {}))
+    truth = at_study_step(build([*fixed, f"seed={rig.seed + run}"], rig.point))
+    return truth, logs([(believed, truth)])[0]
+
+
+def identified(number: int, run: int) -> dict[str, Any]:
+    """What identify finds in the log of a rig."""
+    try:
+        found = identify_twin(recorded(number, run)[1], DEFAULT_PARAMETERS)
+    except TwinError as error:
+        return {"why": str(error), "verdicts": {}}
+    return {
+        "why": "",
+        "white": found.whiteness.white,
+        "rejected": found.whiteness.rejected,
+        "fitted": found.fit.problem.names,
+        "windows": len(found.fit.problem.windows),
+        "verdicts": {each.name: each.as_dict() for each in found.verdicts},
+    }
+
+
+def forecast(number: int, run: int) -> dict[str, Any]:
+    """What is forecast of a rig at its own numbers."""
+    truth, log = recorded(number, run)
+    found = forecast_log(log, truth)
+    return {
+        "why": found.why,
+        "indistinct": found.indistinct,
+        "verdicts": {each.name: each.as_dict() for each in found.verdicts},
+    }
+
+
+def known(make: Callable[[int, int], dict[str, Any]], number: int, run: int) -> dict[str, Any]:
+    """What a function makes of a run of a rig: as kept, or made and then kept."""
+    sources = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
+    if make is forecast:
+        sources.append(Path(inspect.getfile(forecast_log)))
+    own = [*map(inspect.getsource, (recorded, make)), FAMILY, SCENARIO, str((SECONDS, DRAW))]
+    how = " ".join((*own, *(path.read_text(encoding="utf-8") for path in sources)))
+    key = digest(f"{code()} {how} {number} {run}")
+    found: dict[str, Any] = kept("plan", key, lambda: make(number, run))
+    return found
+
+
+OPTIMISED_S, COMPARED_RIGS, COMPARED_DRAW = 20.0, 6, 63_202
+"""Length of the optimised motion, and the rigs on which it is compared with the shipped one."""
+
+
+def optimised() -> dict[str, Any]:
+    """The optimised motion, and half widths of it and of the shipped one on other rigs."""
+    choice = RigChoice(rigs=COMPARED_RIGS, draw=COMPARED_DRAW)
+    found = optimise_motion(SCENARIO, OPTIMISED_S, choice)
+    shipped = [forecast_motion(SCENARIO, each, choice) for each in (OPTIMISED_S, 2 * OPTIMISED_S)]
+    return {
+        "motion": found.describe(),
+        "text": found.text,
+        "forecasts": [each.as_dict() for each in (found.forecast, *shipped)],
+    }
+
+
+def known_optimised() -> dict[str, Any]:
+    """The same, as kept, or made and then kept."""
+    rooms = (Path(str(files(f"twin.{room}"))) for room in ("identify", "plan"))
+    sources = [each.read_text(encoding="utf-8") for room in rooms for each in room.rglob("*.py")]
+    about = (inspect.getsource(optimised), str((OPTIMISED_S, COMPARED_RIGS, COMPARED_DRAW)))
+    found: dict[str, Any] = kept(
+        "plan", digest(" ".join((code(), *about, *sorted(sources)))), optimised
+    )
+    return found
+
+
+def half(found: Found, name: str) -> float:
+    """Half width of a parameter's interval, to its longer side; infinite without one."""
+    each = found["verdicts"].get(name, {"value": None})
+    if each["value"] is None or each["low"] is None or each["high"] is None:
+        return math.inf
+    return float(max(each["high"] - each["value"], each["value"] - each["low"]))
+
+
+def ratios(above: Sequence[Found], below: Sequence[Found], name: str) -> np.ndarray:
+    """Half width of one over that of the other, of rigs where both have one."""
+    pairs = [(half(a, name), half(b, name)) for a, b in zip(above, below, strict=True)]
+    return np.array([a / b for a, b in pairs if math.isfinite(a) and math.isfinite(b)])
+
+
+def cells(found: np.ndarray) -> tuple[str, ...]:
+    """Rigs, median of their ratios, and shares within the factor and within 2, in percent."""
+    if not len(found):
+        return "0", "-", "-", "-"
+    near = np.abs(np.log(found)) <= math.log(WITHIN)
+    low, high = wilson(int(near.sum()), len(found))
+    twice = 100 * np.mean(np.abs(np.log(found)) <= math.log(2))
+    share = f"{100 * near.mean():.0f} ({low:.0f} to {high:.0f})"
+    return str(len(found)), f"{np.median(found):.2f}", share, f"{twice:.0f}"
+
+
+def rows(above: Sequence[Found], below: Sequence[Found]) -> Iterator[tuple[str, ...]]:
+    """A row for each parameter, and one for all."""
+    every = {name: ratios(above, below, name) for name in SHOWN}
+    for name, found in every.items():
+        yield SHOWN[name], *cells(found)
+    yield "all of these", *cells(np.concatenate(list(every.values())))
+
+
+def verdicts(planned: Sequence[Found], found: Sequence[Found]) -> Iterator[tuple[str, ...]]:
+    """Of each parameter: on how many rigs `identified` was forecast, and came true."""
+
+    def holds(one: Found, name: str) -> bool:
+        each = one["verdicts"].get(name)
+        return each is not None and each["verdict"] == IDENTIFIED_VERDICT
+
+    for name, key in SHOWN.items():
+        pairs = [(holds(a, name), holds(b, name)) for a, b in zip(planned, found, strict=True)]
+        yes, no = ([true for said, true in pairs if said == word] for word in (True, False))
+        yield key, f"{sum(yes)} of {len(yes)}", f"{sum(no)} of {len(no)}"
+
+
+def blind(planned: Sequence[Found], found: Sequence[Found]) -> Iterator[tuple[str, ...]]:
+    """Of each parameter: the forecast over all rigs, against what was found of each."""
+    for name, key in SHOWN.items():
+        halves = np.array([half(each, name) for each in planned])
+        there = np.array([half(each, name) for each in found])
+        there = there[np.isfinite(there)]
+        middle = float(np.median(halves))
+        low, high = np.quantile(halves, (0.05, 0.95), method="nearest")
+        inside = int(((there >= low) & (there <= high)).sum())
+        yield (
+            key,
+            f"{middle:.2g}",
+            f"{low:.2g} to {high:.2g}",
+            f"{np.median(there):.2g}",
+            f"{inside} of {len(there)}",
+        )
+
+
+def widths(forecast: Mapping[str, Any], name: str) -> float:
+    """Median half width of a parameter on the drawn rigs."""
+    drawn = ({"verdicts": {v["name"]: v for v in rig["verdicts"]}} for rig in forecast["rigs"][1:])
+    return float(np.median([half(each, name) for each in drawn]))
+
+
+def motions(forecasts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """Of each parameter the half widths of every motion, and their mean."""
+    for name, key in SHOWN.items():
+        sizes = [widths(each, name) for each in forecasts]
+        yield key, *(f"{each:.2g}" if math.isfinite(each) else "-" for each in sizes)
+    yield "mean, over what counts as identified", *(f"{each['score']:.2g}" for each in forecasts)
+
+
+def compare(forecasts: Sequence[Mapping[str, Any]]) -> str:
+    """What the optimised motion gains, in a sentence."""
+    own, same, twice = (each["score"] for each in forecasts)
+    met = "" if own <= twice else "not "
+    return (
+        f"In the same time its half widths are {own / same:.2f} times those of `{SCENARIO}` "
+        f"(geometric mean), beside `{SCENARIO}` of twice the time {own / twice:.2f} times. The "
+        f"goal, the same widths in half the time, is {met}met."
+    )
+
+
+def page(
+    planned: Sequence[Found],
+    found: Sequence[Found],
+    again: Sequence[Found],
+    optimised: Mapping[str, Any],
+) -> str:
+    """The page of what was found."""
+    every = np.concatenate([ratios(planned, found, name) for name in SHOWN])
+    return filled(
+        "plan",
+        family=FAMILY,
+        scenario=SCENARIO,
+        seconds=SECONDS,
+        rigs=len(found),
+        refused=sum(bool(each["why"]) for each in found),
+        again=len(again),
+        within=WITHIN,
+        met=bool(np.mean(np.abs(np.log(every)) <= math.log(WITHIN)) >= 0.9),
+        seen=SEEN,
+        forecast=[
+            *rows(planned, found),
+            (f"all of these, rigs {SEEN} on", *list(rows(planned[SEEN:], found[SEEN:]))[-1][1:]),
+        ],
+        repeated=list(rows(again, found[: len(again)])) if again else [],
+        verdicts=list(verdicts(planned, found)),
+        blind=list(blind(planned, found)),
+        optimised=optimised,
+        optimised_s=OPTIMISED_S,
+        compared=COMPARED_RIGS,
+        shown=[
+            f"{name}, {each['seconds']:.0f} s"
+            for name, each in zip(
+                ("optimised", SCENARIO, SCENARIO), optimised["forecasts"], strict=True
+            )
+        ],
+        motions=list(motions(optimised["forecasts"])),
+        verdict=compare(optimised["forecasts"]),
+    )
+
+
+@click.command()
+@click.option("--rigs", type=click.IntRange(min=2), default=34, help="Rigs.")
+@click.option("--again", type=click.IntRange(min=0), default=16, help="Of these identified twice.")
+def main(rigs: int, again: int) -> None:
+    """Compare forecasts with identifications, and write how near they are."""
+    jobs = [(identified, n, FIRST_RUN) for n in range(rigs)]
+    jobs += [(identified, n, SECOND_RUN) for n in range(min(again, rigs))]
+    jobs += [(forecast, n, PLANNED_RUN) for n in range(rigs)]
+    found = []
+    with progress("runs", len(jobs)) as advance:
+        for job in jobs:
+            found.append(known(*job))
+            advance(len(found))
+    text = page(found[-rigs:], found[:rigs], found[rigs:-rigs], known_optimised())
+    write(HERE / "plan.md", text)
+
+
+if __name__ == "__main__":
+    main()
