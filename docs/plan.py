@@ -217,8 +217,8 @@ def compare(forecasts: Sequence[Mapping[str, Any]]) -> str:
     met = "" if own <= twice else "not "
     return (
         f"In the same time its half widths are {own / same:.2f} times those of `{SCENARIO}` "
-        f"(geometric mean), beside `{SCENARIO}` of twice the time {own / twice:.2f} times. The "
-        f"goal, the same widths in half the time, is {met}met."
+        f"(geometric mean), and {own / twice:.2f} times those of `{SCENARIO}` in twice the time. "
+        f"The goal, the same widths in half the time, is {met}met."
     )
 
 

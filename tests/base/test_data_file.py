@@ -80,7 +80,10 @@ def test_a_toml_file_beyond_a_limit_is_one_line_at_once(refused, tmp_path, comma
         (("run", "circle", "--set", f"seed={HUGE}"), "override 'seed': an integer beyond 64 bit"),
         (("run", "circle", "--set", f"{LONG}=1"), "at most 32 parts"),
         (("run", "circle", "--set", LONG), "write key=value"),
-        (("run", "circle", "--set", 'parameters="\\u0000"'), "known: balancer, course, hobby"),
+        (
+            ("run", "circle", "--set", 'parameters="\\u0000"'),
+            "known: balancer, beam, course",
+        ),
         (("run", "n" * 5000), "not found"),
         (("study", "n" * 5000), "not found"),
         (("run", "circle", "--set", f"duration={['a' * 100_000]}"), "duration: must be"),

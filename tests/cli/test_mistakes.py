@@ -72,7 +72,7 @@ LINES = {
     "run": "SCENARIO",
     "rn": "No such command",
     "run cirle": "did you mean 'circle'",
-    "run foo": "known: circle, cure, cure_afl, cure_backstepping, excite, hold, sine, step; `",
+    "run foo": "cure, cure_afl, cure_backstepping, excite, hold, line, sine, step; `",
     "run circle --beside crue": "did you mean 'cure'",
     "run circle --plant real": "mujoco",
     "run circle --rig rig.toml --plant lagrange": "describes a simulated rig",

@@ -22,8 +22,12 @@ from twin.scenario.schema import checked_settings, choices
 
 
 def outside(allowed, whole):
-    """The numbers next to a range in words, as ``> 0, <= 10``."""
-    for bound in filter(None, allowed.split(", ")):
+    """The numbers next to a range in words, as ``> 0, <= 10``, or to a choice, as ``1, 2``."""
+    bounds = [*filter(None, allowed.split(", "))]
+    if bounds and bounds[0][0] not in "<>":
+        yield from (float(bounds[0]) - 1, float(bounds[-1]) + 1)
+        return
+    for bound in bounds:
         sign, value = bound.split()[0], float(bound.split()[1])
         way = math.inf if sign[0] == "<" else -math.inf
         beyond = value + math.copysign(1, way) if whole else math.nextafter(value, way)
