@@ -499,7 +499,8 @@ def open_rig(
     if on == EMULATED_RIG:
         from twin.emulator.injection import inject, plan_faults
 
-        planned = plan_faults(texts, scenario.duration, reporter.name_of("faults"))
+        what = reporter.name_of("faults") if faults else "[[fault]]"
+        planned = plan_faults(texts, scenario.duration, what)
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
     if scenario.change:

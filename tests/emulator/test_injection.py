@@ -46,8 +46,8 @@ def test_faults_of_drives_are_those_of_the_named_axis():
     ("text", "words"),
     [
         ("unplug", "write 'SECONDS LINE', as in '3.0 unplug', with 0 to 5 seconds"),
-        ("5 unplug", "with 0 to 5 seconds"),
-        ("-1 unplug", "with 0 to 5 seconds"),
+        ("5 unplug", "the time must be 0 to 5 s, got 5"),
+        ("-1 unplug", "the time must be 0 to 5 s, got -1"),
         ("nan unplug", "with 0 to 5 seconds"),
         ("1 unplg", "no fault 'unplg'; did you mean 'unplug'?"),
         ("1", "no fault ''"),

@@ -654,8 +654,9 @@ def test_a_new_lab_is_one_and_its_starter_is_made_from_its_solution(tmp_path: Pa
     assert "NAME" not in "".join(lab.text(each) for each in ("lab.toml", "task.md", "notes.md"))
     with pytest.raises(RecordError, match="exists; name a new folder"):
         begin("my_own", tmp_path / "lab")
-    with pytest.raises(ScenarioError, match="NAME 'My own': must be small letters"):
-        begin("My own", tmp_path / "other")
+    for name in ("My own", "-x", "-"):
+        with pytest.raises(ScenarioError, match=f"NAME '{name}': must be lower-case letters"):
+            begin(name, tmp_path / "other")
 
 
 @pytest.mark.long

@@ -79,8 +79,9 @@ def plan_of(law: StableInversion, control: Control) -> Plan:
     path = law.ahead(x, reference, period, feasible=False).along(len(times))
     if not law.ahead(x, reference, period).able(path):
         raise ScenarioError(
-            f"controller.slope, slope_rate: '{law.name}' has no form in C for a path from the "
-            "start of the ball that needs more than these; 0 for no limit"
+            f"reference.kind: the path of '{reference.name}' from the ball's start needs more than "
+            f"controller.slope or slope_rate, for which '{law.name}' has no form in C; begin on "
+            "the path, or set both to 0 for no limit"
         )
     two_sided, jumps = inverse(law.model, plain, period), law.jumps
     return Plan(

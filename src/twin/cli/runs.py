@@ -151,8 +151,12 @@ def run(
         numbers["shadow"] = examined.as_dict()
         shown += sentences(examined)
         files += ", shadow.html, shadow.json"
+    own_rig = "".join(f" --set {each}" for each in overrides if each.startswith("parameters="))
     shown.append(
-        dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
+        dim(
+            f"more: --all for every indicator; ballplate report {folder}, view {folder}, "
+            f"explain {scenario}{own_rig}"
+        )
     )
     show(numbers, shown, folder, files)
     viewing.keep()

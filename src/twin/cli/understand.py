@@ -275,7 +275,9 @@ def shadow(
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
     names = [run_name(file) for file in files]
     if reference is None and len(files) > 1:
-        raise ScenarioError(f"{logs[1]}: several logs are judged with --reference LOG0 only")
+        raise ScenarioError(f"{logs[1]}: several logs need --reference LOG0")
+    if reference is not None and learn:
+        raise ScenarioError("--learn: not with --reference, whose twin always learns")
     if len(set(names)) < len(names):
         raise ScenarioError(f"{logs[1]}: two logs are called alike; give each another name")
     first = None if reference is None else log_file(reference)

@@ -142,7 +142,7 @@ class TimingLog:
         if self.pauses:
             lines.append(
                 f"the computer paused {len(self.pauses)} times, {1e3 * sum(self.pauses):.0f} ms in "
-                "all, while which the virtual rig's time stood still: a real rig does not wait"
+                "all; the virtual rig's time stood still meanwhile, a real rig does not wait"
             )
         return lines
 

@@ -64,7 +64,11 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
             time = float(at)
         except ValueError:
             time = math.nan
-        if not 0 <= time < duration:
+        if not math.isnan(time) and not 0 <= time < duration:
+            raise ScenarioError(
+                f"{option} '{text:.60}': the time must be 0 to {duration:g} s, got {time:g}"
+            )
+        if math.isnan(time):
             example = "'SECONDS LINE', as in '3.0 unplug'"
             raise ScenarioError(
                 f"{option} '{text:.60}': write {example}, with 0 to {duration:g} seconds"

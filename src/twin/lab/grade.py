@@ -153,7 +153,7 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
         TwinError: If no lab can have that name, or it cannot be written.
     """
     if not re.fullmatch(LAB_NAME_PATTERN, name):
-        allowed = "small letters, digits, - and _, as in friction2"
+        allowed = "lower-case letters, digits, - and _, a letter or digit first, as in friction2"
         raise ScenarioError(f"NAME '{shorten(name)}': must be {allowed}")
     words, start = name.replace("_", " ").capitalize(), shipped() / "starts" / "lab"
 

@@ -40,7 +40,7 @@ DATA_KINDS = ("numbers", "parameters")
 NUMBER_KINDS = ("numbers", "function")
 """Kinds of answer with numbers by name as result."""
 Visible = Literal["visible", "hidden", "after_published"]
-LAB_NAME_PATTERN = "[a-z0-9_-]+"
+LAB_NAME_PATTERN = "[a-z0-9][a-z0-9_-]*"
 """Pattern of a lab's name."""
 MAX_CHECK_RUNS = 256
 """Largest number of runs of a check."""

@@ -222,7 +222,9 @@ class Follower:
         """Have the twin learn from the beginning, which is not evaluated."""
         until = float(log.segments[0].time[0]) + LEARNING_S
         if now < until + PENDING_S:
-            raise LogError(f"{log.source}: the twin still learns, for {LEARNING_S:g} s")
+            raise LogError(
+                f"{log.source}: must be longer than the {LEARNING_S:g} s in which the twin learns"
+            )
         parts = (each.between(-np.inf, until) for each in log.segments)
         first = replace(log, segments=tuple(p for p in parts if p.length > MIN_SEGMENT_S))
         before, self._belief = self._belief, learn(first, self._belief, self.result.gaps)

@@ -47,7 +47,10 @@ FLAGS = (
 def why_not(scenario: Scenario) -> str:
     """What of a scenario the compiled loop does not know, in a line; empty if it knows all."""
     if scenario.plant.kind != "lagrange":
-        return f"plant.kind: must be lagrange with engine = c, got {scenario.plant.kind}"
+        return (
+            f"plant.kind: must be lagrange with engine = c, got {scenario.plant.kind}; write "
+            'set = ["plant.kind=lagrange"] in the file'
+        )
     if scenario.change:
         return "change: a rig does not change while it runs with engine = c"
     if scenario.takes_time or scenario.board is not None:
