@@ -79,6 +79,19 @@ def test_a_motion_in_c_is_that_in_numpy(rig):
     np.testing.assert_allclose(found.u, applied, rtol=0, atol=1e-10)
 
 
+def test_a_rig_of_one_axis_has_no_indicator_of_a_second():
+    tube = [load("line", ["parameters=tube", "baseline=false", f"duration={t}"]) for t in (1, 2)]
+    assert_same(*rows_of([at_study_step(each) for each in tube]), rtol=1e-6)
+
+
+def test_a_ball_that_falls_in_the_last_period_has_fallen():
+    falling = ("plant.start.x=0.34", "plant.start.x_rate=0.5", "rig.limits.margin=0.2")
+    last = [scenario(*falling, seconds=0.002 * ticks) for ticks in range(2, 30)]
+    expected, found = rows_of(last)
+    assert {row["outcome"] for row in expected} > {"finished"}
+    assert [row["outcome"] for row in found] == [row["outcome"] for row in expected]
+
+
 def test_another_seed_has_other_noise():
     runs = [scenario(f"seed={seed}") for seed in (3, 4)]
     first, second = (compiled.compiled_runs(each).run(each) for each in runs)
@@ -124,6 +137,7 @@ def test_one_library_serves_all_rigs_of_one_controller():
     [
         (("plant.kind=mujoco",), "plant.kind: must be lagrange with engine = c"),
         (("sensors.ideal=true",), "sensors.ideal"),
+        (('fault=[{at = 0.05, name = "unplug"}]',), "fault"),
         (("controller.computing_time=0.004",), "computing time"),
         (('change=[{at = 0.5, set = {"plant.friction.rolling_mm" = 0.3}}]',), "change"),
         (("controller.kind=mpc",), "mpc"),

@@ -279,7 +279,8 @@ def shadow(
     if reference is not None and learn:
         raise ScenarioError("--learn: not with --reference, whose twin always learns")
     if len(set(names)) < len(names):
-        raise ScenarioError(f"{logs[1]}: two logs are called alike; give each another name")
+        same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
+        raise ScenarioError(f"{same}: two logs have the same name; give each another")
     first = None if reference is None else log_file(reference)
     from twin.shadow.reference import learn_reference
     from twin.shadow.report import WRITTEN_FILES, examine, sentences

@@ -304,6 +304,8 @@ def export(
     """
     if fmi not in {2, 3}:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
+    if scenario.fault:
+        raise ScenarioError("[[fault]]: an FMU has none of the virtual rig's faults; leave it out")
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
     unfollowed = left_out("source")

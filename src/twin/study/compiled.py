@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -44,23 +44,24 @@ FLAGS = (
 """How the loop is compiled: without fused operations, so that it rounds as numpy does."""
 
 
-def why_not(scenario: Scenario) -> str:
-    """What of a scenario the compiled loop does not know, in a line; empty if it knows all."""
+def find_unknown(scenario: Scenario) -> Iterator[str]:
+    """What of a scenario the compiled loop does not know, a line each."""
     if scenario.plant.kind != "lagrange":
-        return (
+        yield (
             f"plant.kind: must be lagrange with engine = c, got {scenario.plant.kind}; write "
             'set = ["plant.kind=lagrange"] in the file'
         )
+    if scenario.fault:
+        yield "[[fault]]: only the virtual rig has faults; engine = c simulates none"
     if scenario.change:
-        return "change: a rig does not change while it runs with engine = c"
+        yield "change: a rig does not change while it runs with engine = c"
     if scenario.takes_time or scenario.board is not None:
-        return "controller: engine = c has no computing time and no board"
+        yield "controller: engine = c has no computing time and no board"
     if scenario.sensors.ideal:
-        return "sensors.ideal: engine = c measures as a real rig does"
+        yield "sensors.ideal: engine = c measures as a real rig does"
     unfollowed = left_out("source")
     for key in changed_in_vain(scenario, unfollowed):
-        return f"{key}: {PARTS['source']} {unfollowed[key]}"
-    return ""
+        yield f"{key}: {PARTS['source']} {unfollowed[key]}"
 
 
 def surface_of(scenario: Scenario) -> Array | None:
@@ -256,7 +257,7 @@ def check_known(scenario: Scenario) -> None:
     Raises:
         ScenarioError: If it does not: what, in a line.
     """
-    if unknown := why_not(scenario):
+    for unknown in find_unknown(scenario):
         raise ScenarioError(unknown)
 
 
@@ -283,6 +284,8 @@ def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:
             others.append(job)
             continue
         end = Outcome(Ending.FINISHED, scenario.duration)
-        rows[job.key] = metrics_row(job.key, measure(motion, end, **dict(scenario.metrics)))
+        axes = scenario.plant.axes
+        found = measure(motion, end, axes=axes, **dict(scenario.metrics))
+        rows[job.key] = metrics_row(job.key, found)
     rows |= {row["key"]: row for row in carry_out(others)}
     return [rows[job.key] for job in jobs]

@@ -317,7 +317,7 @@ class Work(ScenarioRuns):
     """
 
     def __init__(self, study: Study) -> None:
-        super().__init__((), mark="" if study.engine == "python" else f"engine {study.engine} ")
+        super().__init__((), mark="" if study.engine == "python" else f"engine c {c_code()} ")
         self.study = study
         self.design = points(study)
         self._relative = {key for key, item in study.parameters.items() if item.relative}
@@ -448,6 +448,17 @@ def code() -> str:
         with suppress(PackageNotFoundError):  # one that comes with an extra
             total.update(f"{library} {version(library)}".encode())
     return total.hexdigest()
+
+
+@cache
+def c_code() -> str:
+    """Hash of the C code of a run that is compiled, and of what writes it."""
+    twin = Path(str(files("twin")))
+    found = [twin / "fmu" / name for name in ("export.py", "variables.toml")]
+    found += [*(twin / "fmu" / "c").iterdir(), *(twin / "fmu" / "templates").iterdir()]
+    found += [twin / "study" / "compiled.py", twin / "study" / "c" / "batch.c"]
+    texts = (path.read_bytes() for path in sorted(found) if path.is_file())
+    return hashlib.sha256(b"".join(texts)).hexdigest()
 
 
 VERSIONED_LIBRARIES = ("mujoco-core", "numpy", "scipy", "control", "daqp")

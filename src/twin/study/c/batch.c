@@ -25,8 +25,8 @@ static struct controller_measurement seen(const double *v) {
 
 /* Simulate a rig for a number of control periods, or until its plate is levelled or its ball has
    left the screen. Values are those of its variables, surface is NULL where SURFACE_X is 0.
-   Returns how many periods were simulated; state (5.5) and applied accelerations of each begin at
-   those of the first one. */
+   Returns the number of periods if all were simulated to a good end, else fewer; state (5.5) and
+   applied accelerations of each period. */
 EXPORT int64_t simulate(const double values[VARIABLES], const void *surface,
                         const double *const numbers[], const int64_t number_strides[],
                         int64_t ticks, double state[][8], double applied[][2]) {
@@ -54,7 +54,7 @@ EXPORT int64_t simulate(const double values[VARIABLES], const void *surface,
         for (int i = 0; i < 2; i++)
             applied[tick][i] = (rig.commanded[i] - before[i]) / PERIOD;
         if (rig.fault || rig.fallen)
-            return tick + 1;
+            return tick;
     }
     return ticks;
 }
