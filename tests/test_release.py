@@ -180,7 +180,7 @@ LINES = {
     "fit": ("fit friction_of_two_series", "records"),
     "doctor": ("doctor --rig emulated", "can"),
     "calibrate": ("calibrate lost-motion", "can"),
-    "shadow": ("shadow kept", "viewer"),
+    "shadow": ("shadow kept", "pictures"),
     "emulate": ("emulate circle", "can"),
     "trace": ("trace kept.log", ""),
     "safety": ("safety --only heartbeat", "can"),

@@ -39,6 +39,8 @@ def test_a_scenario_on_a_rig_starts_with_a_reference_in_its_area(name, rig):
     assert (np.array(now.rig.limits.area) < np.array(now.plant.size) / 2)[:axes].all()
     held = not farthest(made_for).any()
     said = [] if held else [f"lengths x {share:.3g}"]
+    late = now.controller.kind != made_for.controller.kind
+    said = ["law for a plate that follows late"] * late + said
     said += ["along x"] if axes == 1 and farthest(made_for)[1] else []
     assert now.title == ", ".join([made_for.title, *said])
     if "/" in name and (rig != "hobby" or name.endswith(("_075", "_100"))):
