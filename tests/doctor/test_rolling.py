@@ -38,9 +38,9 @@ class Wired(VirtualBoard):
         return reading._replace(x=float(x), y=float(y))
 
 
-def rolled(hardware, patience=0.0):
+def rolled(hardware, patience=0.0, *settings):
     """The results by their names, and the rig."""
-    scenario = load("hold", ("parameters=hobby",))
+    scenario = load("hold", ("parameters=hobby", *settings))
     rig = own_rig(hardware, scenario, plate_lag=hardware.board.lag, steep_deg=5.0)
     rig.watches_roll = False
     with rig:
@@ -69,6 +69,12 @@ def test_a_rig_that_is_wired_rightly_passes_and_keeps_its_ball(given):
     assert hardware.steepest <= 1.5 * ROLL_TEST.max_tilt_rad
     assert np.abs(hardware.board.angle).max() < math.radians(0.3)
     assert rig.supervisor.state[0] == State.OFF
+
+
+@LONG
+def test_a_rig_of_one_axis_is_tilted_by_phi_alone():
+    found, _ = rolled(Wired(), 0.0, "plant.kind=lagrange", "plant.axes=1")
+    assert {name: each.status for name, each in found.items()} == {"ball by phi": CheckStatus.PASS}
 
 
 TURN = 0.5, math.sqrt(0.75)

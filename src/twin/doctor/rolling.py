@@ -85,7 +85,7 @@ def roll(
         yield fail_check("ball", seen, f"put it within {x:.0f} x {y:.0f} mm of the middle")
         return
     rig.start()
-    for axis, name in enumerate(AXIS_NAMES):
+    for axis, name in enumerate(AXIS_NAMES[: rig.supervisor.axes]):
         yield _direction(name, motion.tilt(axis, 1), motion.tilt(axis, -1), test)
 
 
