@@ -124,6 +124,21 @@ def test_a_ball_at_the_edge_is_to_be_put_in_the_middle():
     assert hardware.steepest < math.radians(0.1)
 
 
+def test_a_ball_that_is_not_seen_is_said_so():
+    hardware = Wired()
+    step = hardware.board.step
+
+    def taken(now):
+        if now > 0.2:  # after the rig has waited for it
+            hardware.board.ball = [0.5, 0.0]
+        return step(now)
+
+    hardware.board.step = taken
+    found, _ = rolled(hardware)
+    assert found["ball"].seen == "no ball is seen"
+    assert found["ball"].status is CheckStatus.FAIL
+
+
 def test_a_ball_that_is_put_into_the_middle_in_time_is_waited_for():
     hardware = Wired()
     hardware.board.ball = [0.06, 0.0]
@@ -152,6 +167,12 @@ def test_a_ball_that_is_taken_away_levels_the_plate():
     with pytest.raises(RigError, match="ball"):
         rolled(hardware)
     assert np.abs(hardware.board.angle).max() < math.radians(0.3)
+
+
+def test_the_help_names_the_largest_tilt(capsys):
+    _, said, _ = called(capsys, "doctor", "--help")
+    tilt = f"tilted, by up to {math.degrees(ROLL_TEST.max_tilt_rad):g} deg,"
+    assert tilt in " ".join(said.split())
 
 
 def test_ball_without_move_is_refused(capsys):
