@@ -273,6 +273,24 @@ def test_a_pulsed_plate_goes_to_where_its_pulses_say_and_stays_without():
     np.testing.assert_allclose(plate.state[2::4], (0.1, -0.05), atol=play / 2 + 1e-4)
 
 
+@pytest.mark.parametrize("step", [0.0015, 0.004, 0.0003])
+def test_a_step_that_does_not_divide_the_turns_of_chip_and_plate_is_refused(step):
+    scenario = load("hold", ("plant.kind=lagrange",))
+    plant = scenario.plant.model_copy(update={"step": step})
+    with pytest.raises(RigError, match=f"plant.step: must divide the 0.002 s .*, got {step:g}$"):
+        PulsedPlate(scenario.model_copy(update={"plant": plant}), 1.5e-3, 1.91e-3)
+
+
+@pytest.mark.parametrize("step", [0.002, 0.001, 0.0004])
+def test_the_plate_goes_on_by_as_much_time_as_the_chip(step):
+    settings = ("plant.kind=lagrange", f"plant.step={step}", "plant.start.x_rate=0.1",
+                "plant.friction.rolling_mm=0")  # fmt: skip
+    plate = PulsedPlate(load("hold", settings), 1.5e-3, 1.91e-3)
+    for _ in range(100):
+        plate.advance()
+    assert plate.state[0] == pytest.approx(0.1 * 100 * avr.TICK_S, rel=1e-6)
+
+
 MUTATIONS = {
     "a tick too long": ("((ticks) - 1)", "((ticks) + 1)"),
     "axes exchanged": ("OCR1A = COMPARE(pulse_ticks[0])", "OCR1A = COMPARE(pulse_ticks[1])"),

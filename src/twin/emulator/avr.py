@@ -282,13 +282,19 @@ class PulsedPlate:
         per_rad: Change of the width per plate angle, s/rad.
 
     Raises:
+        RigError: If the plant's step does not divide ``TICK_S``.
         ModelError: If the mechanism cannot be used.
     """
 
     def __init__(self, scenario: Scenario, neutral: float, per_rad: float) -> None:
+        step = scenario.plant.step
+        if round(TICK_S / step) < 1 or abs(round(TICK_S / step) * step - TICK_S) > 1e-9 * TICK_S:
+            raise RigError(
+                f"emulated board: plant.step: must divide the {TICK_S:g} s in which chip and plate "
+                f"take turns, got {step:g}"
+            )
         plant, self._transmission = build_plant([scenario])
-        self._tick = max(TICK_S, plant.step)
-        self.devices = build_devices([scenario], plant, period=self._tick)
+        self.devices = build_devices([scenario], plant, period=TICK_S)
         self._neutral, self._per_rad = neutral, per_rad
         self._goal: Array = np.zeros((1, 2))
         self._reached: Array = np.zeros((1, 2))
@@ -302,7 +308,7 @@ class PulsedPlate:
         motor = self._transmission.motor
         turn = motor(self._goal) - motor(self._reached)
         self._reached = self._goal.copy()
-        self.devices.command(turn / self._tick)
+        self.devices.command(turn / TICK_S)
         self.devices.wait()
 
     def camera(self) -> Touch:
