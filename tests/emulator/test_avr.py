@@ -250,6 +250,32 @@ def test_a_chip_that_ends_is_an_error_in_one_line(tmp_path):
         chip.run(0.01, 0)
 
 
+@needs_simavr
+def test_a_chip_that_cannot_be_started_leaves_no_port_open(firmware, monkeypatch):
+    def refused(*_, **__):
+        raise OSError(12, "no memory")
+
+    opened = []
+    openpty = os.openpty
+    monkeypatch.setattr(avr.os, "openpty", lambda: opened.append(openpty()) or opened[-1])
+    monkeypatch.setattr(avr.subprocess, "Popen", refused)
+    monkeypatch.setattr(avr, "build_emulator", lambda: "avr")
+    with pytest.raises(RigError, match=r"emulated board: cannot be started: .*no memory$"):
+        Chip(firmware)
+    for each in opened[0]:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(each)
+
+
+@needs_simavr
+def test_a_file_without_a_size_is_an_error_in_one_line(tmp_path):
+    file = tmp_path / "no.elf"
+    file.write_text("no firmware")
+    with pytest.raises(RigError, match=r"emulated board: .*no\.elf") as refused:
+        size_of(file)
+    assert "\n" not in str(refused.value)
+
+
 def test_what_is_missing_is_named_with_its_package(monkeypatch, tmp_path):
     monkeypatch.setattr(avr, "SIMAVR_HEADERS", tmp_path / "none")
     monkeypatch.setattr(avr.shutil, "which", lambda name: None)

@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -120,10 +121,17 @@ def build_emulator() -> Path:
 
 
 def size_of(firmware: Path) -> Size:
-    """The memory that a firmware of ``build_firmware`` needs."""
+    """The memory that a firmware of ``build_firmware`` needs.
+
+    Raises:
+        RigError: If avr-size is missing, or cannot read the file.
+    """
     said = subprocess.run(
-        [_find("avr-size"), str(firmware)], capture_output=True, text=True, check=True
+        [_find("avr-size"), str(firmware)], capture_output=True, text=True, check=False
     )
+    if said.returncode:
+        why = (said.stderr.splitlines() or ["no message"])[0]
+        raise RigError(f"emulated board: {why}")
     text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
     functions = [
         int(line.split("\t")[1])
@@ -202,19 +210,26 @@ class Chip:
         import tty  # noqa: PLC0415  POSIX only
 
         program = build_emulator()
-        ours, theirs = os.openpty()
-        tty.setraw(theirs)
-        self.port = os.ttyname(theirs)
         clock = f"{CLOCK_HZ * (1 + clock_error):.0f}"
-        self._process = subprocess.Popen(
-            [program, firmware, clock, str(ours)],
-            pass_fds=[ours],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        os.close(ours)
+        with ExitStack() as failed:
+            try:
+                ours, theirs = os.openpty()
+                failed.callback(os.close, theirs)
+                with ExitStack() as passed:
+                    passed.callback(os.close, ours)
+                    tty.setraw(theirs)
+                    self.port = os.ttyname(theirs)
+                    self._process = subprocess.Popen(
+                        [program, firmware, clock, str(ours)],
+                        pass_fds=[ours],
+                        stdin=subprocess.PIPE,
+                        stdout=subprocess.PIPE,
+                        stderr=subprocess.PIPE,
+                        text=True,
+                    )
+            except OSError as error:
+                raise RigError(f"emulated board: cannot be started: {error}") from error
+            failed.pop_all()
         self.close = finalize(self, _end, self._process, theirs)
         """Ends it; may be called again."""
 
