@@ -276,6 +276,18 @@ def test_a_file_without_a_size_is_an_error_in_one_line(tmp_path):
     assert "\n" not in str(refused.value)
 
 
+@needs_simavr
+def test_a_firmware_without_an_endless_loop_cannot_hang(tmp_path):
+    (tmp_path / "firmware.c").write_text(
+        "void _exit(int s) { (void)s; }  void exit(int s) { _exit(s); }\n"
+        "int main(void) { return 0; }\n"
+    )
+    chip = Chip(build_firmware(tmp_path, None, "HANGS=0"))
+    with pytest.raises(RigError, match="ended: hang: the firmware has no endless loop"):
+        chip.tell("hang")
+    chip.close()
+
+
 def test_what_is_missing_is_named_with_its_package(monkeypatch, tmp_path):
     monkeypatch.setattr(avr, "SIMAVR_HEADERS", tmp_path / "none")
     monkeypatch.setattr(avr.shutil, "which", lambda name: None)
