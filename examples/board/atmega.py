@@ -168,13 +168,15 @@ class Board(Hardware):
 
     def stop(self) -> None:
         """Level the plate and let the port go; the servos keep their torque."""
-        if hasattr(self, "line"):
-            try:
-                self.send(b"L")
-            finally:
-                self.line.close()
-        if self.camera:
-            self.camera.stop()
+        try:
+            if hasattr(self, "line"):
+                try:
+                    self.send(b"L")
+                finally:
+                    self.line.close()
+        finally:
+            if self.camera:
+                self.camera.stop()
 
     def faults(self) -> tuple[str, ...]:
         """Why the board has levelled the plate, or that it says nothing."""

@@ -13,6 +13,7 @@ from twin.base.errors import LawError, RigError, TwinError
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
+    from twin.scenario.rig import RigFile
     from twin.scenario.schema import Scenario
 
 REHEARSED_S = 30.0
@@ -24,7 +25,9 @@ SMALLER_LENGTHS = (0.5, 0.25)
 """Shares of the reference's lengths that are tried where the whole ones lose the ball."""
 
 
-def rehearse(name: str | Path, changed: Sequence[KeyChange], reporter: Reporter, on: str) -> None:
+def rehearse(
+    name: str | Path, changed: Sequence[KeyChange], reporter: Reporter, on: str, rig: RigFile
+) -> None:
     """Run a scenario on the twin as it is believed to be, and on one that is later.
 
     Args:
@@ -32,18 +35,19 @@ def rehearse(name: str | Path, changed: Sequence[KeyChange], reporter: Reporter,
         changed: What is changed of it.
         reporter: Receives progress, and what the rig's option is called.
         on: The rig that waits.
+        rig: Its file; its limits are the twin's as well.
 
     Raises:
         RigError: If a ball is lost, with a change under which none is, if one is found.
     """
-    chosen = scenario_of(name, changed)
+    chosen = rig.limited(scenario_of(name, changed))
     with reporter.progress("twin", 1.0):
         lost = _lost(chosen)
         if not lost:
             return
         for change in _remedies(chosen):
             try:
-                other = scenario_of(name, [*changed, change])
+                other = rig.limited(scenario_of(name, [*changed, change]))
                 kept = not _lost(other)
             except TwinError:
                 continue

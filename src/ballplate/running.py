@@ -463,7 +463,7 @@ def open_rig(
     reset: bool,
     faults: Sequence[str] = (),
     hear: Callable[[Any], None] | None = None,
-    try_first: Callable[[str], None] = lambda _: None,
+    try_first: Callable[[str, RigFile], None] = lambda *_: None,
 ) -> Iterator[tuple[HardwareRig | None, Scenario]]:
     """The requested rig, not switched on, or None for the simulation; the scenario in its limits.
 
@@ -475,7 +475,8 @@ def open_rig(
         reset: Whether faults found in the drives are reset.
         faults: Faults of the virtual rig, ``SECONDS LINE`` each.
         hear: Is given every frame on its CAN bus.
-        try_first: Tries a scenario that is ``rehearsed`` on the twin of the rig of a file.
+        try_first: Tries a scenario that is ``rehearsed`` on the twin of the rig of a file; is given
+            what ``on`` names, and the file.
 
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
@@ -519,7 +520,7 @@ def open_rig(
     with rig_of(on, scenario, reporter) as (file, virtual):
         if virtual is None:
             if scenario.rehearsed:
-                try_first(on)
+                try_first(on, file)
             real = connect(scenario, file, reset=reset, hear=hear)
             build_reference(scenario, real.supervisor.limits.area)
             _judge_computer(f"{name} {on}", scenario, reporter)

@@ -17,6 +17,7 @@ from twin.run.finished import Run, run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
+from twin.scenario.rig import check_rig, read_rig
 from twin.scenario.schema import at_study_step
 
 LATE = ("parameters=hobby", "plant.servo.bandwidth_hz=2.27", "sensors.touch.dead_time=0.04")
@@ -30,8 +31,10 @@ LOGGED = (
 """Columns of a log of hardware of one's own."""
 
 
-def tried(*settings):
-    rehearse("excite", changes_of(settings, {}), Reporter(), "rig.toml")
+def tried(*settings, **limits):
+    tables = {"touch": {"port": "/dev/null", "protocol": "elo"}, "limits": limits}
+    rig = check_rig(tables, "rig.toml")
+    rehearse("excite", changes_of(settings, {}), Reporter(), "rig.toml", rig)
 
 
 def test_a_plate_that_follows_late_is_led_by_a_law_that_knows_it():
@@ -61,6 +64,16 @@ def test_a_lost_ball_is_refused_with_the_first_change_that_keeps_it(monkeypatch)
     assert [each.controller.kind for each in asked] == ["afl", "stable_inversion"]
 
 
+def test_the_twin_keeps_to_the_limits_of_the_rig_file(monkeypatch):
+    asked = []
+    monkeypatch.setattr(rehearsing, "_lost", lambda each: asked.append(each) or "the law fails")
+    with pytest.raises(RigError):
+        tried(*LATE, "rig.limits.rate_deg=30", angle_deg=4.0, rate_deg=80.0)
+    kept = [(each.rig.limits.angle_deg, each.rig.limits.rate_deg) for each in asked]
+    assert len(kept) > 1  # what may keep the ball, too
+    assert set(kept) == {(4.0, 30.0)}
+
+
 def test_where_nothing_keeps_it_a_slower_law_is_named(monkeypatch):
     monkeypatch.setattr(rehearsing, "_lost", lambda _: "the law fails")
     with pytest.raises(RigError, match="the law fails; a slower law or a smaller reference may"):
@@ -70,7 +83,7 @@ def test_where_nothing_keeps_it_a_slower_law_is_named(monkeypatch):
 @pytest.mark.real_time
 def test_a_rig_rehearses_what_says_so_and_nothing_else(monkeypatch, tmp_path):
     tries = []
-    monkeypatch.setattr("ballplate.running.rehearse", lambda *given: tries.append(given[-1]))
+    monkeypatch.setattr("ballplate.running.rehearse", lambda *given: tries.append(given[-2:]))
     file = tmp_path / "rig.toml"
     (tmp_path / "mine.py").write_text(
         "from ballplate.hardware import Hardware, Reading\n"
@@ -81,7 +94,7 @@ def test_a_rig_rehearses_what_says_so_and_nothing_else(monkeypatch, tmp_path):
     file.write_text('backend = "mine.py:B"\n')
     for scenario in ("hold", "excite"):
         bp.run(scenario, on=str(file), duration=0.01)
-    assert tries == [str(file)]
+    assert tries == [(str(file), read_rig(file))]
 
 
 @pytest.mark.long

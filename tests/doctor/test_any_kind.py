@@ -186,6 +186,12 @@ def test_servos_tilt_each_axis_by_a_degree_and_back(bench):
     assert not bench.clock.torque
 
 
+def test_of_servos_of_one_axis_phi_alone_is_tilted(bench):
+    bench.scenario = load("hold", ["plant.kind=lagrange", "plant.axes=1"])
+    assert [each for each in reported(bench.servos()) if "tilt" in each] == ["tilt of phi"]
+    assert np.degrees(bench.clock.largest) == pytest.approx([1.0, 0.0], abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("matrix", "phi", "theta"),
     [

@@ -38,9 +38,9 @@ class Wired(VirtualBoard):
         return reading._replace(x=float(x), y=float(y))
 
 
-def rolled(hardware, patience=0.0):
+def rolled(hardware, patience=0.0, *settings):
     """The results by their names, and the rig."""
-    scenario = load("hold", ("parameters=hobby",))
+    scenario = load("hold", ("parameters=hobby", *settings))
     rig = own_rig(hardware, scenario, plate_lag=hardware.board.lag, steep_deg=5.0)
     rig.watches_roll = False
     with rig:
@@ -69,6 +69,12 @@ def test_a_rig_that_is_wired_rightly_passes_and_keeps_its_ball(given):
     assert hardware.steepest <= 1.5 * ROLL_TEST.max_tilt_rad
     assert np.abs(hardware.board.angle).max() < math.radians(0.3)
     assert rig.supervisor.state[0] == State.OFF
+
+
+@LONG
+def test_a_rig_of_one_axis_is_tilted_by_phi_alone():
+    found, _ = rolled(Wired(), 0.0, "plant.kind=lagrange", "plant.axes=1")
+    assert {name: each.status for name, each in found.items()} == {"ball by phi": CheckStatus.PASS}
 
 
 TURN = 0.5, math.sqrt(0.75)
@@ -118,6 +124,21 @@ def test_a_ball_at_the_edge_is_to_be_put_in_the_middle():
     assert hardware.steepest < math.radians(0.1)
 
 
+def test_a_ball_that_is_not_seen_is_said_so():
+    hardware = Wired()
+    step = hardware.board.step
+
+    def taken(now):
+        if now > 0.2:  # after the rig has waited for it
+            hardware.board.ball = [0.5, 0.0]
+        return step(now)
+
+    hardware.board.step = taken
+    found, _ = rolled(hardware)
+    assert found["ball"].seen == "no ball is seen"
+    assert found["ball"].status is CheckStatus.FAIL
+
+
 def test_a_ball_that_is_put_into_the_middle_in_time_is_waited_for():
     hardware = Wired()
     hardware.board.ball = [0.06, 0.0]
@@ -146,6 +167,12 @@ def test_a_ball_that_is_taken_away_levels_the_plate():
     with pytest.raises(RigError, match="ball"):
         rolled(hardware)
     assert np.abs(hardware.board.angle).max() < math.radians(0.3)
+
+
+def test_the_help_names_the_largest_tilt(capsys):
+    _, said, _ = called(capsys, "doctor", "--help")
+    tilt = f"tilted, by up to {math.degrees(ROLL_TEST.max_tilt_rad):g} deg,"
+    assert tilt in " ".join(said.split())
 
 
 def test_ball_without_move_is_refused(capsys):

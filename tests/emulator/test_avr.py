@@ -250,6 +250,44 @@ def test_a_chip_that_ends_is_an_error_in_one_line(tmp_path):
         chip.run(0.01, 0)
 
 
+@needs_simavr
+def test_a_chip_that_cannot_be_started_leaves_no_port_open(firmware, monkeypatch):
+    def refused(*_, **__):
+        raise OSError(12, "no memory")
+
+    opened = []
+    openpty = os.openpty
+    monkeypatch.setattr(avr.os, "openpty", lambda: opened.append(openpty()) or opened[-1])
+    monkeypatch.setattr(avr.subprocess, "Popen", refused)
+    monkeypatch.setattr(avr, "build_emulator", lambda: "avr")
+    with pytest.raises(RigError, match=r"emulated board: cannot be started: .*no memory$"):
+        Chip(firmware)
+    for each in opened[0]:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(each)
+
+
+@needs_simavr
+def test_a_file_without_a_size_is_an_error_in_one_line(tmp_path):
+    file = tmp_path / "no.elf"
+    file.write_text("no firmware")
+    with pytest.raises(RigError, match=r"emulated board: .*no\.elf") as refused:
+        size_of(file)
+    assert "\n" not in str(refused.value)
+
+
+@needs_simavr
+def test_a_firmware_without_an_endless_loop_cannot_hang(tmp_path):
+    (tmp_path / "firmware.c").write_text(
+        "void _exit(int s) { (void)s; }  void exit(int s) { _exit(s); }\n"
+        "int main(void) { return 0; }\n"
+    )
+    chip = Chip(build_firmware(tmp_path, None, "HANGS=0"))
+    with pytest.raises(RigError, match="ended: hang: the firmware has no endless loop"):
+        chip.tell("hang")
+    chip.close()
+
+
 def test_what_is_missing_is_named_with_its_package(monkeypatch, tmp_path):
     monkeypatch.setattr(avr, "SIMAVR_HEADERS", tmp_path / "none")
     monkeypatch.setattr(avr.shutil, "which", lambda name: None)
@@ -271,6 +309,24 @@ def test_a_pulsed_plate_goes_to_where_its_pulses_say_and_stays_without():
         plate.advance()
     play = np.radians(0.3)
     np.testing.assert_allclose(plate.state[2::4], (0.1, -0.05), atol=play / 2 + 1e-4)
+
+
+@pytest.mark.parametrize("step", [0.0015, 0.004, 0.0003])
+def test_a_step_that_does_not_divide_the_turns_of_chip_and_plate_is_refused(step):
+    scenario = load("hold", ("plant.kind=lagrange",))
+    plant = scenario.plant.model_copy(update={"step": step})
+    with pytest.raises(RigError, match=f"plant.step: must divide the 0.002 s .*, got {step:g}$"):
+        PulsedPlate(scenario.model_copy(update={"plant": plant}), 1.5e-3, 1.91e-3)
+
+
+@pytest.mark.parametrize("step", [0.002, 0.001, 0.0004])
+def test_the_plate_goes_on_by_as_much_time_as_the_chip(step):
+    settings = ("plant.kind=lagrange", f"plant.step={step}", "plant.start.x_rate=0.1",
+                "plant.friction.rolling_mm=0")  # fmt: skip
+    plate = PulsedPlate(load("hold", settings), 1.5e-3, 1.91e-3)
+    for _ in range(100):
+        plate.advance()
+    assert plate.state[0] == pytest.approx(0.1 * 100 * avr.TICK_S, rel=1e-6)
 
 
 MUTATIONS = {

@@ -271,6 +271,20 @@ def test_a_board_that_does_not_answer_well_is_refused_in_one_line(answer, words,
         board.start()
 
 
+def test_a_port_that_fails_at_the_end_leaves_no_camera_open():
+    closed = []
+
+    def unplugged(_):
+        raise OSError("unplugged")
+
+    board = BOARD.Board("P")
+    board.line = SimpleNamespace(write=unplugged, close=lambda: closed.append("port"))
+    board.camera = SimpleNamespace(stop=lambda: closed.append("camera"))
+    with pytest.raises(OSError, match="unplugged"):
+        board.stop()
+    assert closed == ["port", "camera"]
+
+
 def test_a_board_that_is_to_compute_needs_a_camera():
     with pytest.raises(ValueError, match="computes: needs the camera"):
         BOARD.Board("P", computes=True)

@@ -425,13 +425,23 @@ ONE_AXIS = {
 @pytest.mark.long
 @pytest.mark.usefixtures("quickly_compiled")
 def test_a_rig_of_one_axis_is_that_of_the_twin(tmp_path):
-    c = CRig(made(tmp_path, duration=0.02, **ONE_AXIS), exact(seed=7, **ONE_AXIS))
+    path = made(tmp_path, duration=0.02, **ONE_AXIS)
+    c = CRig(path, exact(seed=7, **ONE_AXIS))
     ours, notes = both(exact(seed=7, **ONE_AXIS), c, 700, seed=7)
     x, phi, y, theta = ours[:, 6], ours[:, 8], ours[:, 10], ours[:, 12]
     assert x.any()
     assert phi.any()
     assert not np.stack((y, theta, *ours[:, 2:4].T)).any()
     assert not any(stopped for stopped, _, _ in notes)
+    for values, word in (
+        ({"plant.rim.size[2]": 0.01}, "must be 0 along y"),
+        ({"plant.rim.size[1]": 0.03}, "above the ball's diameter"),
+        ({"plant.rim.size[1]": 0.08, "plant.start.y": 0.4}, ""),
+    ):
+        c = CRig(path, **values)
+        c.enter()
+        assert (c.status("ExitInitializationMode") != 0) == bool(word)
+        assert word in "".join(c.said)
 
 
 @pytest.mark.usefixtures("quickly_compiled")

@@ -78,5 +78,6 @@ def own_rig(hardware, scenario, **thresholds):
         transmission=FixedRatio(),
         limits=limits,
         patience=1.0,
+        axes=scenario.plant.axes,
         scheduling=lambda: nullcontext(Scheduling(False, False, ("virtual time",))),
     )

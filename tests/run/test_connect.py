@@ -2,16 +2,19 @@
 
 What a real rig knows of its cams comes from its file or the package, never from a simulation."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
 from ballplate.reporter import Reporter
 from ballplate.running import open_rig
 from twin.base.errors import ScenarioError
+from twin.devices.realtime import Scheduling
 from twin.hal.cams import CamTable
 from twin.run.connect import connect
 from twin.scenario import load
-from twin.scenario.rig import check_rig
+from twin.scenario.rig import check_rig, read_rig
 
 TABLES = {"touch": {"port": "/dev/null", "protocol": "elo"}}
 TILT = np.array([[0.05, -0.02]])
@@ -53,3 +56,27 @@ def test_settings_of_a_simulation_are_refused_on_a_real_rig(key):
     refused = pytest.raises(ScenarioError, match=f"{key} describes a simulated rig")
     with refused, open_rig("rig.toml", load("circle"), [key], Reporter(), reset=False):
         pass
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+def test_of_one_axis_theta_is_not_commanded_and_y_reads_as_0(axes, tmp_path):
+    (tmp_path / "board.py").write_text("from own_board import VirtualBoard\n", "utf-8")
+    file = tmp_path / "rig.toml"
+    file.write_text('backend = "board.py:VirtualBoard"\n', "utf-8")
+    rig = connect(load("hold", ["plant.kind=lagrange", f"plant.axes={axes}"]), read_rig(file))
+    rig._scheduling = lambda: nullcontext(Scheduling(False, False, ("virtual time",)))
+    board = rig.servos._hardware.board
+    board.ball = [0.01, 0.02]
+    with rig:
+        rig.start()
+        for _ in range(50):
+            applied = rig.write(np.full((1, 2), 0.1))
+            rig.wait()
+            y = rig.read().y[0]
+        assert applied[0] == pytest.approx([0.1, 0.0 if axes == 1 else 0.1])
+        assert board.angle[0] > 0.002
+        if axes == 1:
+            assert (board.angle[1], *y[2:]) == (0.0, 0.0, 0.0)
+        else:
+            assert board.angle[1] > 0.002
+            assert y[2] > 0.01

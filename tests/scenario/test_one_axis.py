@@ -79,6 +79,7 @@ def test_a_tube_is_the_x_axis_of_a_plate():
         ({"sensors.touch.rotation_deg": 1.0}, "sensors.touch.rotation_deg: must be 0 with"),
         ({"rig.cam_coupling_percent": 1.0}, "rig.cam_coupling_percent: must be 0 with"),
         ({"rig.limits.area": [0.06, 0.02]}, "rig.limits.area: the plate's half is 0.05 m"),
+        ({"plant.rim.size": [0.08, 0.01]}, "plant.rim.size.1: leave it out with plant.axes = 1"),
         ({"plant.start.x": 0.045}, "plant.start.x: walls let the ball's middle go 0.04 m"),
     ],
 )

@@ -86,7 +86,7 @@ def doctor(
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do.
 
-    With --move --ball the ball lies at rest in the middle: each axis is tilted by a degree or two
+    With --move --ball the ball lies at rest in the middle: each axis is tilted, by up to 4 deg,
     until the ball rolls 8 mm, and is tilted back to brake it.
     """
     if ball and not move:

@@ -120,6 +120,7 @@ class HardwareRig(Rig):
         relaxed: Safety nets that are wider than by default, in words; every run is warned of them.
         unchecked: Why its first motion must be slow, in words; empty where it need not.
         plate_lag: Time constant in s with which the plate follows its command.
+        axes: Number of its axes; of 1, theta is never commanded, and theta and y read as 0.
         scheduling: Makes the loop's thread a real-time one while the rig is on.
     """
 
@@ -145,6 +146,7 @@ class HardwareRig(Rig):
         relaxed: Sequence[str] = (),
         unchecked: str = "",
         plate_lag: float = 0.0,
+        axes: int = 2,
         scheduling: Callable[[], AbstractContextManager[Scheduling]] = real_time,
     ) -> None:
         self._motors = MotorPlateWatch(servos, clock.period)
@@ -162,6 +164,7 @@ class HardwareRig(Rig):
             period=clock.period,
             fault_sources=(servos, screen, clock, self._motors),
         )
+        self.supervisor.axes = axes
         self.servos = servos
         self.screen = screen
         self.clock = clock

@@ -602,7 +602,8 @@ def _check_tilts(
             _exchange(real, by / real.period)
             goal = following
 
-    for axis, (angle, look) in enumerate(drives.POSITIVE_ANGLE_HELP.items()):
+    helps = list(drives.POSITIVE_ANGLE_HELP.items())
+    for axis, (angle, look) in enumerate(helps[: real.supervisor.axes]):
         rates = check.tilt_rad / check.tilt_s * (np.arange(2) == axis)
         before = servos.plate()[0, axis]
         turn(rates)

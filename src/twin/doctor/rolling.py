@@ -80,12 +80,13 @@ def roll(
     """
     motion, middle = _Motion(rig, test), test.middle_share * np.array(rig.supervisor.limits.area)
     if not motion.wait_for_ball(middle, max(patience, test.rest_s)):
-        seen = "not at rest there: x {:+.0f}, y {:+.0f} mm".format(*1e3 * motion.place)
+        at = "not at rest there: x {:+.0f}, y {:+.0f} mm".format(*1e3 * motion.place)
+        seen = at if motion.seen else "no ball is seen"
         x, y = 1e3 * middle
         yield fail_check("ball", seen, f"put it within {x:.0f} x {y:.0f} mm of the middle")
         return
     rig.start()
-    for axis, name in enumerate(AXIS_NAMES):
+    for axis, name in enumerate(AXIS_NAMES[: rig.supervisor.axes]):
         yield _direction(name, motion.tilt(axis, 1), motion.tilt(axis, -1), test)
 
 
@@ -141,6 +142,8 @@ class _Motion:
         self._places = np.full((2 * self._half, 2), math.nan)
         """Measured places of the ball in m, period by period, the newest last."""
         self._plate = rig.read().y[0, 1::2]
+        self.seen = False
+        """Whether the ball is seen now; if it is not, its place is the last one known."""
 
     @property
     def place(self) -> Array:
@@ -160,7 +163,7 @@ class _Motion:
         since, watched = 0, self._periods(0.25 * self._test.rest_s)
         for _ in range(self._periods(seconds)):
             self._exchange(np.zeros(2))
-            there = (np.abs(self.place) <= middle).all() and self.rests
+            there = self.seen and (np.abs(self.place) <= middle).all() and self.rests
             since = since + 1 if there else 0
             if since >= watched:
                 return True
@@ -184,7 +187,8 @@ class _Motion:
         """A period at plate rates in rad/s, shape (2,)."""
         self._rig.write(rate[None])
         self._rig.wait()
-        y = self._rig.read().y[0]
+        measurement = self._rig.read()
+        y, self.seen = measurement.y[0], bool(measurement.touched[0])
         self._plate = y[1::2]
         self._places[:-1] = self._places[1:]
         self._places[-1] = y[0::2]

@@ -176,6 +176,8 @@ static void hang(void)
     for (at = 0; at < avr->codeend; at += 2)
         if ((avr->flash[at] | avr->flash[at + 1] << 8) == ENDLESS_LOOP)
             break;
+    if (at >= avr->codeend)
+        fail("hang", "the firmware has no endless loop");
     avr->pc = at;
     avr->sreg[S_I] = 0;
     puts("0");

@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -120,10 +121,17 @@ def build_emulator() -> Path:
 
 
 def size_of(firmware: Path) -> Size:
-    """The memory that a firmware of ``build_firmware`` needs."""
+    """The memory that a firmware of ``build_firmware`` needs.
+
+    Raises:
+        RigError: If avr-size is missing, or cannot read the file.
+    """
     said = subprocess.run(
-        [_find("avr-size"), str(firmware)], capture_output=True, text=True, check=True
+        [_find("avr-size"), str(firmware)], capture_output=True, text=True, check=False
     )
+    if said.returncode:
+        why = (said.stderr.splitlines() or ["no message"])[0]
+        raise RigError(f"emulated board: {why}")
     text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
     functions = [
         int(line.split("\t")[1])
@@ -202,19 +210,26 @@ class Chip:
         import tty  # noqa: PLC0415  POSIX only
 
         program = build_emulator()
-        ours, theirs = os.openpty()
-        tty.setraw(theirs)
-        self.port = os.ttyname(theirs)
         clock = f"{CLOCK_HZ * (1 + clock_error):.0f}"
-        self._process = subprocess.Popen(
-            [program, firmware, clock, str(ours)],
-            pass_fds=[ours],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        os.close(ours)
+        with ExitStack() as failed:
+            try:
+                ours, theirs = os.openpty()
+                failed.callback(os.close, theirs)
+                with ExitStack() as passed:
+                    passed.callback(os.close, ours)
+                    tty.setraw(theirs)
+                    self.port = os.ttyname(theirs)
+                    self._process = subprocess.Popen(
+                        [program, firmware, clock, str(ours)],
+                        pass_fds=[ours],
+                        stdin=subprocess.PIPE,
+                        stdout=subprocess.PIPE,
+                        stderr=subprocess.PIPE,
+                        text=True,
+                    )
+            except OSError as error:
+                raise RigError(f"emulated board: cannot be started: {error}") from error
+            failed.pop_all()
         self.close = finalize(self, _end, self._process, theirs)
         """Ends it; may be called again."""
 
@@ -282,13 +297,19 @@ class PulsedPlate:
         per_rad: Change of the width per plate angle, s/rad.
 
     Raises:
+        RigError: If the plant's step does not divide ``TICK_S``.
         ModelError: If the mechanism cannot be used.
     """
 
     def __init__(self, scenario: Scenario, neutral: float, per_rad: float) -> None:
+        step = scenario.plant.step
+        if round(TICK_S / step) < 1 or abs(round(TICK_S / step) * step - TICK_S) > 1e-9 * TICK_S:
+            raise RigError(
+                f"emulated board: plant.step: must divide the {TICK_S:g} s in which chip and plate "
+                f"take turns, got {step:g}"
+            )
         plant, self._transmission = build_plant([scenario])
-        self._tick = max(TICK_S, plant.step)
-        self.devices = build_devices([scenario], plant, period=self._tick)
+        self.devices = build_devices([scenario], plant, period=TICK_S)
         self._neutral, self._per_rad = neutral, per_rad
         self._goal: Array = np.zeros((1, 2))
         self._reached: Array = np.zeros((1, 2))
@@ -302,7 +323,7 @@ class PulsedPlate:
         motor = self._transmission.motor
         turn = motor(self._goal) - motor(self._reached)
         self._reached = self._goal.copy()
-        self.devices.command(turn / self._tick)
+        self.devices.command(turn / TICK_S)
         self.devices.wait()
 
     def camera(self) -> Touch:

@@ -307,6 +307,7 @@ class LockstepRig(HardwareRig):
             patience=BALL_TIMEOUT_S,
             relaxed=relaxed,
             plate_lag=scenario.rig.plate_lag,
+            axes=scenario.plant.axes,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),
         )
         plant.attach(self.lockstep.drives)

@@ -49,7 +49,7 @@ def connect(
     """The rig of a file, to run a scenario's controller on; nothing is opened yet.
 
     Args:
-        scenario: Period and limits.
+        scenario: Period, limits and number of axes.
         rig: What is connected where.
         reset: Whether faults found in the drives are reset when they are switched on.
         transmission: Of a virtual rig; the rig file's by default.
@@ -68,6 +68,7 @@ def connect(
         "reset": reset,
         "relaxed": rig.relaxed(period),
         "plate_lag": scenario.rig.plate_lag,
+        "axes": scenario.plant.axes,
         "unchecked": "" if transmission is not None or has_passed(rig) else UNPASSED_REASON,
     }
     servos, screen = _devices(rig, Surroundings(period=period, limits=limits, hear=hear))

@@ -366,6 +366,7 @@ class PlantKeys(Section):
         across = {
             "start.spin": start.spin,
             "camber.1": inner["camber"][1],
+            "rim.size.1": inner["rim"].size[1],
             "surface.slope_deg": surface.slope_deg,
             "surface.height_um": surface.height_um,
         }

@@ -384,6 +384,8 @@ static void rebound(Rig *rig, double vx, double vy) {
 /* What is wrong with the walls and where the ball begins; NULL if nothing is. */
 static const char *misplaced(const double *v) {
     double x = v[PLANT_START_X], y = v[PLANT_START_Y], far = reach(v, 0);
+    if (AXES == 1 && v[PLANT_RIM_SIZE + 1] > 0)
+        return "plant.rim.size: must be 0 along y, which a rig of one axis does not have";
     for (int i = 0; i < 2; i++) {
         double between = v[PLANT_RIM_SIZE + i];
         if (between > 0 && !(reach(v, i) > 0 && between <= v[PLANT_SIZE + i]))
