@@ -92,7 +92,9 @@ class FirstLook:
         level: m/s^2.
         level_std: Its standard deviation.
         friction: m/s^2.
+        friction_std: Its standard deviation.
         camber: 1/s^2.
+        camber_std: Its standard deviation.
         damping: 1/s.
         damping_std: Its standard deviation.
         windows: Number of windows that are used.
@@ -111,7 +113,9 @@ class FirstLook:
     level: float
     level_std: float
     friction: float
+    friction_std: float
     camber: float
+    camber_std: float
     damping: float
     damping_std: float
     windows: int
@@ -428,7 +432,9 @@ def _describe_solution(
         level=value["level"],
         level_std=std["level"],
         friction=rub,
+        friction_std=std.get("friction", 0.0),
         camber=value.get("camber", 0.0),
+        camber_std=std.get("camber", 0.0),
         damping=value.get("damping", 0.0),
         damping_std=std.get("damping", 0.0),
         windows=round(found.independent),
