@@ -20,7 +20,7 @@ from scipy.ndimage import median_filter
 from controllers.arrays import Array
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
-from twin.identify.logs import AxisLog, EndStops, runs
+from twin.identify.logs import AxisLog, EndStops, find_noise, runs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +136,7 @@ def _find_visits(log: AxisLog, look: FirstLook, side: float, how: WallSearch) ->
     """Visits to the lower (side -1) or upper (1) end of the way, with their impulses."""
     time, place = log.sampled, side * log.ball
     step = float(np.median(np.diff(time)))
-    noise = float(np.median(np.abs(np.diff(place, n=2)))) / (0.6745 * np.sqrt(6))
+    noise = float(find_noise(place))
     smooth = median_filter(place, size=3, mode="nearest")
     fast = float(np.quantile(np.abs(np.diff(smooth)) / np.maximum(np.diff(time), 1e-6), 0.9))
     top = float(np.quantile(smooth, how.end_quantile))

@@ -26,7 +26,7 @@ from scipy.signal import fftconvolve, savgol_filter
 from controllers.arrays import Array, Mask
 from twin.base.page import digits
 from twin.identify.command_model import TiltHistory
-from twin.identify.logs import AxisLog
+from twin.identify.logs import AxisLog, find_noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,7 +265,7 @@ class _Grid:
 
     def noise_share(self, log: AxisLog, rows: NDArray[np.intp]) -> float:
         """Variance of the left side by the noise of the samples, as a share."""
-        noise = np.median(np.abs(np.diff(log.ball, n=2))) / (0.6745 * np.sqrt(6))
+        noise = float(find_noise(log.ball))
         sample_step = float(np.median(np.diff(log.sampled)))
         variance = noise**2 * (self.bend @ self.bend) * max(sample_step / self.step, 1.0)
         return float(variance / max(float(np.var(self.left(rows))), 1e-30))
