@@ -17,9 +17,9 @@ from docs.identify_errors import (
 from twin.identify import fallback
 from twin.identify.any_rig import (
     AxisIdentification,
-    _describe_lags,
-    _join_logs,
+    describe_lags,
     identify_axes,
+    join_logs,
 )
 from twin.identify.end_stops import find_end_stops
 from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
@@ -111,11 +111,11 @@ def test_delays_that_no_scenario_has_are_told():
     x = verdict("delay_x", IDENTIFIED_VERDICT, 0.10, 0.09, 0.11)
     near = verdict("delay_y", IDENTIFIED_VERDICT, 0.105, 0.095, 0.115)
     far = verdict("delay_y", IDENTIFIED_VERDICT, 0.15, 0.14, 0.16)
-    assert _describe_lags([verdict("lag_x", NOT_IDENTIFIABLE)]) == []
-    (note,) = _describe_lags([lag])
+    assert describe_lags([verdict("lag_x", NOT_IDENTIFIABLE)]) == []
+    (note,) = describe_lags([lag])
     assert "a filter of the positions" in note
-    assert len(_describe_lags([x, near])) == 1
-    assert "0.1 s) and y (0.15 s)" in _describe_lags([x, far])[1]
+    assert len(describe_lags([x, near])) == 1
+    assert "0.1 s) and y (0.15 s)" in describe_lags([x, far])[1]
 
 
 def test_the_report_names_numbers_of_the_plain_model(log):
@@ -148,7 +148,7 @@ def test_another_run_is_predicted_at_least_as_well_as_by_five_numbers(rig):
         axis = AxisLog(time, command, True, sampled, ball)
         logs.append(AnyLog(f"{seed}.csv", {"x": axis}, {"x": "rad"}, ()))
     found = identify_axes(logs[:1], logs[1:]).predictions["x"]
-    known, held = (_join_logs([each.axes["x"]]) for each in logs)
+    known, held = (join_logs([each.axes["x"]]) for each in logs)
     plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
     other = predict_five_numbers(plain, held.time, held.tilt, held.sampled, held.ball, found.begin)
     medians = [np.nanmedian(np.abs(e[found.moves])) for e in (found.errors("model", 1.0), other)]

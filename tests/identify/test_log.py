@@ -187,6 +187,7 @@ def test_the_noise_of_samples_of_a_smooth_motion_is_found():
     moved = 0.05 * np.sin(2 * np.pi * 0.3 * time)
     noise = np.random.default_rng(1).standard_normal((2, len(time)))
     ball = np.stack((moved + 4e-4 * noise[0], 2e-3 * noise[1]), axis=-1)
-    # the median of the absolute value of n normal numbers scatters by 1.2 / sqrt(n); 5 of these
+    # the median of n independent absolute values scatters by 1.2 / sqrt(n), of second differences,
+    # which overlap, by up to twice that: 2.5 of these
     assert find_noise(ball) == pytest.approx([4e-4, 2e-3], rel=5 * 1.2 / np.sqrt(len(time)))
     assert find_noise(ball[:, 0]) == find_noise(ball)[0]

@@ -62,7 +62,8 @@ class AxisSelection:
     Attributes:
         window_s: Length of the windows.
         min_windows: Smallest number of windows of this length; with fewer they are shorter.
-        least_window_s: The same of a ball that rolls from one end stop to the next.
+        least_window_s: Smallest length of the windows where they are shortened: between end stops,
+            or where too few windows of ``window_s`` are without a gap.
         shorter_window_shares: Lengths of the windows of further fits, as shares of it: a model
             error shows as a different value there.
         optional_parameters: Fitted if they reduce the prediction error, unless requested.
@@ -220,10 +221,10 @@ def identify_axes(
 
     def part_and_join() -> tuple[list[dict[str, AxisLog]], dict[str, AxisLog]]:
         parts = [
-            _split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
+            split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
         ]
         return parts, {
-            axis: _join_logs([part[axis] for part in parts], levers.get(axis), selection)
+            axis: join_logs([part[axis] for part in parts], levers.get(axis), selection)
             for axis in first.unit
         }
 
@@ -250,7 +251,7 @@ def identify_axes(
     for axis, log in joined.items():
         notes += describe_stops(axis, log)
     others = (
-        [_split_axes(log, held)[1] for log in logs]
+        [split_axes(log, held)[1] for log in logs]
         if isinstance(held, float)
         else [log.axes for log in held]
     )
@@ -270,7 +271,7 @@ def identify_axes(
     remarks = [
         _describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad"
     ]
-    notes += _describe_lags([each for each in found if first.axes[each.name[-1]].held])
+    notes += describe_lags([each for each in found if first.axes[each.name[-1]].held])
     progress(1.0, "")
     return AxisIdentification(
         source=first.source,
@@ -384,7 +385,7 @@ def _predict_held_out(
     """Axis to predictions of what was held out, from the same times of all axes."""
     there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
     unseen = {
-        axis: _join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
+        axis: join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
     }
     if not unseen:
         return {}
@@ -451,8 +452,16 @@ def _is_other_scale(turned: float) -> bool:
     return abs(turned - 1) > MAX_SCALE_ERROR
 
 
-def _split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
-    """The axes of a log before and after a share of its time from the end."""
+def split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
+    """The axes of a log before and after a border.
+
+    Args:
+        log: The log.
+        share: Share of its time that lies after the border.
+
+    Returns:
+        Axis to its log before the border, and the same after it.
+    """
     border = min(each.sampled[0] + (1 - share) * np.ptp(each.sampled) for each in log.axes.values())
     return (
         {axis: each.between(-np.inf, border) for axis, each in log.axes.items()},
@@ -460,12 +469,22 @@ def _split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str
     )
 
 
-def _join_logs(
+def join_logs(
     logs: list[AxisLog],
     lever: float | None = None,
     selection: AxisSelection = AXIS_SELECTION,
 ) -> AxisLog:
-    """Logs of an axis in sequence, with a pause between, and its lever in m if known."""
+    """Logs of an axis in sequence, with a pause between.
+
+    The samples of the first seconds of each log and after each pause of its commands are left out:
+    commands before them, which the log has not, may still move the ball.
+
+    Args:
+        logs: Of one axis, each from its own start.
+        lever: How far above the plate's axis the ball is known to be as good as, m; None if it is
+            not.
+        selection: Constants.
+    """
     start, shifted = 0.0, []
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
@@ -752,8 +771,12 @@ def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
     return replace(found, low=low, value=value, high=high)
 
 
-def _describe_lags(verdicts: Sequence[ParameterVerdict]) -> list[str]:
-    """Notes on delays that a scenario has not: of a filter, and different ones of the axes."""
+def describe_lags(verdicts: Sequence[ParameterVerdict]) -> list[str]:
+    """Notes on delays that a scenario has not: of a filter, and different ones of the axes.
+
+    Args:
+        verdicts: Of all axes with commands, by names as ``lag_x``.
+    """
     known = {each.name: each for each in verdicts if each.word == IDENTIFIED_VERDICT}
     notes = []
     if {"lag_x", "lag_y", "delay_x", "delay_y"} & known.keys():

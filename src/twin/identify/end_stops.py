@@ -29,8 +29,9 @@ class WallSearch:
 
     Attributes:
         end_quantile: Share of the positions up to which the way goes.
-        min_margin_m: Least width of the band at an end, visits to which are tested.
-        margin_noise_stds: The same in standard deviations of a position.
+        min_margin_m: Least width of the band at an end of the way; a visit is a stay in it.
+        margin_noise_stds: Least width of that band in standard deviations of the noise of a
+            position; the larger of the two widths holds.
         speed_window_s: Time before and after a visit over which the speed is fitted.
         min_samples: Smallest number of samples for a speed.
         merged_gap_s: Visits with no more time between are one: a ball that bounces to rest.

@@ -744,7 +744,16 @@ def fit_axis(
 
 
 def _guess_from(look: FirstLook, problem: AxisProblem) -> Array:
-    """The values of a first look, of parameters that it has not the usual guess, shape (1, P)."""
+    """A guess of the parameters by a first look, shape (1, P).
+
+    Gain, dead time, level, friction and camber are those of the look. Its delay is all taken as
+    dead time, so the lag is zero. A parameter that the look does not contain has its usual first
+    guess.
+
+    Args:
+        look: At the log that is fitted.
+        problem: The fit, whose parameters are guessed.
+    """
     seen = {"gain": look.gain * problem.tilt.scale, "dead_time": look.delay, "lag": 0.0}
     seen |= {name: getattr(look, name) for name in ("level", "friction", "camber")}
     return problem.first_guesses(**{k: [v] for k, v in seen.items() if k in problem.names})
