@@ -485,17 +485,23 @@ def join_logs(
             not.
         selection: Constants.
     """
-    start, shifted = 0.0, []
+    start, shifted, recordings = 0.0, [], list[Array]()
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
         each = log.without(log.time[pauses], selection.earlier_commands_s)
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
         across = each.across + np.array([[shift], [0.0]])
+        begun = [start - selection.pause_between_logs_s / 2] if shifted else []
+        recordings.append(np.append(begun, each.recordings + shift))
         shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
         start = float(each.time[-1]) + shift + selection.pause_between_logs_s
     parts = zip(*shifted, strict=True)
     time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
-    return AxisLog(time, tilt, logs[0].held, sampled, ball, across, lever=lever)
+    return AxisLog(
+        *(time, tilt, logs[0].held, sampled, ball, across),
+        lever=lever,
+        recordings=np.concatenate(recordings),
+    )
 
 
 def _fit_between_stops(log: AxisLog, selection: AxisSelection) -> AxisSelection:

@@ -10,7 +10,8 @@ ball rolls in one direction and touches no end of its way, so that neither stick
 is part of the equation. Where too few of them show anything, longer windows of any motion show
 gain, level and damping, as a plain linear model has them.
 
-A clock that drifts makes the delay grow with time, which is one column more of the same equation.
+A clock that drifts makes the delay grow with time, which is one column more of the same equation,
+as is an offset of the clock of each recording where several are joined.
 """
 
 from __future__ import annotations
@@ -340,11 +341,11 @@ def _solve(
     share = independent / kept.sum()
     stds = _deviations(columns[kept], scatter, share)
     turned = (pushed[lag][k + 1] - pushed[lag][k - 1]) / (2 * h)
-    since = grid.time[rows] - log.sampled[0]
-    wider = np.column_stack((columns, turned, turned * (since - since.mean())))
+    changes = log.clock_columns(grid.time[rows])
+    wider = np.column_stack((columns, turned, turned[:, None] * changes))
     values = np.linalg.lstsq(wider[kept], left[kept], rcond=1e-9)[0]
     rest = float(((wider @ values - left)[kept] ** 2).mean())
-    by_delay = _deviations(wider[kept], rest, share)[-2:] / abs(float(found[0]))
+    by_delay = _deviations(wider[kept], rest, share) / abs(float(found[0]))
     return _Solution(
         rows=rows,
         lag=lag,
@@ -354,8 +355,8 @@ def _solve(
         kept=kept,
         explained=1 - scatter / max(float(np.var(left[kept])), 1e-30),
         independent=independent,
-        drift=(float(values[-1] / found[0]), float(by_delay[1])),
-        delay_std=float(by_delay[0]),
+        drift=(float(values[-1] / found[0]), float(by_delay[-1])),
+        delay_std=float(by_delay[columns.shape[1]]),
     )
 
 
