@@ -485,7 +485,7 @@ def join_logs(
             not.
         selection: Constants.
     """
-    start, shifted, recordings = 0.0, [], list[Array]()
+    start, shifted, recordings = 0.0, list[tuple[Array, ...]](), list[Array]()
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
         each = log.without(log.time[pauses], selection.earlier_commands_s)
