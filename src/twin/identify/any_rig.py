@@ -234,13 +234,13 @@ def identify_axes(
     for axis, look in looks.items():
         if look:
             say(look.describe(axis, first.unit[axis]))
-    for suspicion in describe_suspicions(joined, first.unit, looks, factor):
+    warned = list(describe_suspicions(joined, first.unit, looks, factor))
+    for suspicion in warned:
         say(f"warning: {suspicion}")
-        notes.append(suspicion)
     joined = _find_stops(joined, looks)
     correction = _find_correction(joined, looks, first.unit, selection)
     if correction.notes:
-        notes += correction.notes
+        warned += correction.notes
         for note in correction.notes:
             say(f"warning: {note}")
         logs = [correction.apply(log) for log in logs]
@@ -248,6 +248,7 @@ def identify_axes(
         known, joined = part_and_join()
         looks = {axis: look_first(log) for axis, log in joined.items()}
         joined = _find_stops(joined, looks)
+    notes += warned
     for axis, log in joined.items():
         notes += describe_stops(axis, log)
     others = (
@@ -286,6 +287,7 @@ def identify_axes(
         ball=ball,
         on=str(on or ""),
         how=selection.fitting.hold_out,
+        warned=tuple(warned),
     )
 
 

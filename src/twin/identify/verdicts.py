@@ -262,6 +262,7 @@ class Identification:
         remarks: Further results of the fit, in sentences.
         on: The rig that the parameters are set over; empty for the rig of a scenario.
         how: Constants of the predictions.
+        warned: The notes that were already given as warnings while the log was fitted.
     """
 
     source: str
@@ -274,6 +275,7 @@ class Identification:
     remarks: tuple[str, ...]
     on: str = ""
     how: HoldOutPrediction = HOLD_OUT
+    warned: tuple[str, ...] = ()
 
     @property
     def over(self) -> dict[str, str]:
