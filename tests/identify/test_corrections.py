@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from docs.identify_errors import Rig, simulate_log, simulate_turned
+from twin.identify import any_rig
 from twin.identify.any_rig import identify_axes, join_logs
 from twin.identify.corrections import (
     Correction,
@@ -136,3 +137,25 @@ def test_identify_fits_the_log_that_is_corrected():
     assert delay.value == pytest.approx(0.1, abs=0.003)
     (score,) = found.scores
     assert score.median["model"][1] < 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("softening", "fits"), [(0.0, 1), (1.5, 2)])
+def test_a_log_without_corrections_is_fitted_once_from_no_first_guess(softening, fits, monkeypatch):
+    fitted, stages = [], []
+
+    def count(*given):
+        fitted.append(given)
+        return fit_axis(*given)
+
+    monkeypatch.setattr(any_rig, "fit_axis", count)
+    log = axis_of(simulate_log(1, Rig(seconds=30.0, softening=softening)))
+    identify_axes(
+        [AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())],
+        0.0,
+        progress=lambda share, stage: stages.append((share, stage)),
+    )
+    assert len(fitted) == fits
+    assert stages[0] == (0.0, "x: clock, other axis and a gain that bends")
+    shares = [share for share, _ in stages]
+    assert shares == sorted(shares)

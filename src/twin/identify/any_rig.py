@@ -15,7 +15,7 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.base.page import digits
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
-from twin.identify.corrections import Correction, find_correction
+from twin.identify.corrections import find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
 from twin.identify.fallback import assess_plainly
 from twin.identify.first_look import FirstLook, look_first
@@ -238,8 +238,10 @@ def identify_axes(
     for suspicion in warned:
         say(f"warning: {suspicion}")
     joined = _find_stops(joined, looks)
-    correction = _find_correction(joined, looks, first.unit, selection)
+    usual = _fit_usual_parameters(joined, looks, selection, progress)
+    correction = find_correction(usual, first.unit)
     if correction.notes:
+        usual = {}
         warned += correction.notes
         for note in correction.notes:
             say(f"warning: {note}")
@@ -257,7 +259,7 @@ def identify_axes(
         else [log.axes for log in held]
     )
     fits, found, reasons, remarks_on_fits = _fit_axes(
-        joined, first.unit, looks, names, selection, progress
+        joined, first.unit, looks, usual, names, selection, progress
     )
     notes += remarks_on_fits
     if not any(each.value is not None for each in found):
@@ -302,28 +304,41 @@ def _find_stops(
     return found
 
 
-def _find_correction(
+def _fit_usual_parameters(
     logs: Mapping[str, AxisLog],
     looks: Mapping[str, FirstLook | None],
-    units: Mapping[str, str],
     selection: AxisSelection,
-) -> Correction:
-    """What a fit of the usual parameters leaves of clock, other axis and a gain that bends."""
+    progress: Callable[[float, str], None],
+) -> dict[str, AxisFit]:
+    """Fits of the usual parameters, which show corrections; without an axis that cannot be fitted.
+
+    Args:
+        logs: The joined logs by axis, x or y.
+        looks: First looks at them.
+        selection: Constants of the fit.
+        progress: Called with the share of the work done and the name of the next step.
+    """
     fits = {}
     for axis, log in logs.items():
+        progress(0.0, f"{axis}: clock, other axis and a gain that bends")
         with suppress(LogError):
             _check_excited(log)
-            each = _fit_between_stops(log, selection)
-            names = (*(n for n in SMOOTH_PARAMETERS if log.held or n != "lag"), "friction")
+            each, names = _fit_between_stops(log, selection), _choose_parameters(log)
             delays = DELAYS_S[log.held]
             fits[axis] = fit_axis(log, names, each.window_s, delays, each.fitting, looks[axis])
-    return find_correction(fits, units)
+    return fits
+
+
+def _choose_parameters(log: AxisLog, others: tuple[str, ...] = ("friction",)) -> tuple[str, ...]:
+    """The parameters of a first fit: the smooth ones that the log may show, and others."""
+    return (*(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"), *others)
 
 
 def _fit_axes(
     logs: Mapping[str, AxisLog],
     units: Mapping[str, str],
     looks: Mapping[str, FirstLook | None],
+    usual: Mapping[str, AxisFit],
     names: tuple[str, ...],
     selection: AxisSelection,
     progress: Callable[[float, str], None],
@@ -334,6 +349,7 @@ def _fit_axes(
         logs: The joined logs by axis, x or y.
         units: Unit of the command by axis.
         looks: First looks at them.
+        usual: Fits of their usual parameters, as far as there are any.
         names: Parameters that are fitted in addition to the smooth ones.
         selection: Constants of the fit.
         progress: Called with the share of the work done and the name of the next step.
@@ -352,9 +368,8 @@ def _fit_axes(
 
         try:
             _check_excited(log)
-            fit, about = _select_model(
-                log, names, _fit_between_stops(log, selection), advance, looks[axis]
-            )
+            between = _fit_between_stops(log, selection)
+            fit, about = _select_model(log, names, between, advance, looks[axis], usual.get(axis))
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             unknown = [
@@ -535,6 +550,7 @@ def _select_model(
     selection: AxisSelection = AXIS_SELECTION,
     advance: Callable[[float, str], None] = lambda *_: None,
     look: FirstLook | None = None,
+    usual: AxisFit | None = None,
 ) -> tuple[AxisFit, list[str]]:
     """The fit with the parameters that reduce the prediction error, and notes on it.
 
@@ -544,20 +560,22 @@ def _select_model(
         selection: Constants.
         advance: Called with the share of the work done, and what is done next.
         look: A first look at it.
+        usual: A fit of its usual parameters, which is not repeated; None if there is none.
     """
     notes: list[str] = []
     longest, fitting = selection.window_s, selection.fitting
     requested = tuple(
         name for name in PLAIN_PARAMETERS if name in names and name not in SMOOTH_PARAMETERS
     )
-    chosen = (
-        *(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"),
-        *(requested or ("friction",)),
-    )
+    chosen = _choose_parameters(log, requested or ("friction",))
     delays = DELAYS_S[log.held]
     advance(0.0, "windows from no first guess")
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
-    fits = [fit_axis(each, chosen, longest, delays, fitting, look) for each in ways]
+    done = [usual] if usual and usual.problem.names == chosen else []
+    fits = [
+        *done,
+        *(fit_axis(e, chosen, longest, delays, fitting, look) for e in ways[len(done) :]),
+    ]
     # of all windows, not the usual one, in which the ball may rest; 10 um are as good as none
     squares = [f.sigma**2 * f.problem.misfit(f.found.linearisation.r) for f in fits]
     at = int(np.argmin([np.log(1e-10 + each).mean() for each in squares]))
