@@ -24,7 +24,7 @@ from controllers.arrays import Array
 from docs.pages import HERE, filled, kept, wilson, write
 from twin.base.errors import LogError
 from twin.cli.output import progress
-from twin.identify.any_rig import _join_logs, _split_axes, identify_axes
+from twin.identify.any_rig import identify_axes, join_logs, split_axes
 from twin.identify.logs import AnyLog, AxisLog
 from twin.study.work import digest
 
@@ -331,7 +331,7 @@ def identify_rig(kind: str, seed: int) -> dict[str, Any]:
     except LogError as error:
         return {"rig": asdict(rig), "truth": truth, "refused": str(error)}
     told = {each.name[:-2]: (each.value, each.low, each.high, each.word) for each in found.verdicts}
-    known, held = (_join_logs([each["x"]]) for each in _split_axes(log, 1 / 3))
+    known, held = (join_logs([each["x"]]) for each in split_axes(log, 1 / 3))
     plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
     errors = {}
     if "x" in found.predictions:

@@ -19,9 +19,9 @@ from twin.identify.any_rig import (
     AxisIdentification,
     _assess_axis,
     _describe_gain,
-    _join_logs,
     _select_model,
     identify_axes,
+    join_logs,
 )
 from twin.identify.command_model import TiltHistory, apply_play, drive_path
 from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
@@ -287,7 +287,7 @@ def test_the_truth_explains_a_log_where_commands_from_before_it_or_a_pause_act(
     whole = axis_log(3, seconds=22, rate=100.0, noise=0.0, pixel=0.0, **truth)
     time, ball, command = (np.delete(each, slice(first, lost)) for each in whole)
     log = AxisLog(time, command, True, time, ball)
-    all_of_it, known = left_by(log, truth), left_by(_join_logs([log]), truth)
+    all_of_it, known = left_by(log, truth), left_by(join_logs([log]), truth)
     step = 2.5e-4 * np.abs(np.gradient(whole[1], whole[0])).max()  # of the simulation, as a way
     assert (known < step).all()
     assert (all_of_it > 4 * step).sum() == 1
@@ -299,7 +299,7 @@ def test_along_levers_dead_time_and_lag_are_found_from_a_fit_that_has_no_lag(axi
     truth = TRUTH | {"dead_time": 0.2, "lag": 0.05}
     rig = truth | {"lever": 0.03, "noise": 0.0, "pixel": 0.0, "rate": 100.0}
     time, ball, command = axis_log(3, seconds=22, **rig)
-    log = _join_logs([AxisLog(time, command, True, time, ball)])
+    log = join_logs([AxisLog(time, command, True, time, ball)])
     fit = fit_axis(log, tuple(truth), 2.5, (0.0, 0.5))
     found = profile(fit, "lever", (0.0, 0.02, 0.03, 0.04))
     assert fit.value("lag") < 0.02
@@ -810,7 +810,7 @@ def test_a_log_with_a_camera_s_gaps_gives_the_gain_of_its_ball(axis_log, tmp_pat
 def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axis_of):
     parts = [axis_of(seed, seconds=20, level=level) for seed, level in ((1, 0.1), (2, -0.1))]
     other = along_x(axis_of(4, seconds=25, level=0.0), "other.csv")
-    found = identify_axes([along_x(_join_logs(parts))], [other])
+    found = identify_axes([along_x(join_logs(parts))], [other])
     told = by_name(found)
     for name in ("gain", "friction"):
         each = told[f"{name}_x"]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from docs.identify_errors import Rig, simulate_log, simulate_turned
-from twin.identify.any_rig import identify_axes
+from twin.identify import any_rig
+from twin.identify.any_rig import identify_axes, join_logs
 from twin.identify.corrections import (
     Correction,
     describe_bend,
@@ -18,7 +19,7 @@ from twin.identify.corrections import (
 )
 from twin.identify.first_look import look_first
 from twin.identify.logs import AnyLog, AxisLog
-from twin.identify.plain_model import fit_axis
+from twin.identify.plain_model import find_admixture, fit_axis
 
 
 def test_a_correction_undoes_clock_turned_axes_and_a_bent_gain():
@@ -69,11 +70,41 @@ def test_a_clock_that_drifts_is_found(drift, seed):
     assert len(found.notes) == (drift != 0)
 
 
+def with_offset(log, seconds):
+    """The log with the clock of its positions ahead by so much."""
+    return replace(log, sampled=log.sampled + seconds)
+
+
+@pytest.mark.parametrize("offset", [0.04, -0.03])
+def test_clocks_that_differ_by_recording_are_no_drift_at_first_sight(offset):
+    first, second = (axis_of(simulate_log(seed, Rig(seconds=30.0))) for seed in (1, 2))
+    joined = join_logs([first, with_offset(second, offset)])
+    look = look_first(joined)
+    assert not look.drifts()
+    assert abs(look.drift) < 3 * look.drift_std
+    assert joined.recordings == pytest.approx([35.0], abs=6.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("drift", [0.0, 5e-4])
+@pytest.mark.parametrize("offset", [0.02, -0.02])
+def test_a_drift_is_found_in_recordings_with_clocks_of_their_own(offset, drift):
+    rig = Rig(seconds=30.0, drift=drift)
+    first, second = (axis_of(simulate_log(seed, rig)) for seed in (1, 2))
+    found = find_correction(
+        fits_of({"x": join_logs([first, with_offset(second, offset)])}), {"x": "rad"}
+    )
+    assert found.drift == pytest.approx(drift, abs=1e-4)
+    assert len(found.notes) == (drift != 0)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("softening", [1.5, -1.0])
 def test_a_gain_that_changes_with_the_angle_is_found(softening):
-    found = find(1, Rig(seconds=30.0, softening=softening))
-    assert found.bends["x"] == pytest.approx(-softening, abs=0.3)
+    fits = fits_of({"x": axis_of(simulate_log(1, Rig(seconds=30.0, softening=softening)))})
+    found, tilt = find_correction(fits, {"x": "rad"}), fits["x"].log.tilt
+    _, half, _ = find_admixture(fits["x"], tilt * np.abs(tilt))
+    assert abs(found.bends["x"] + softening) < half
     (note,) = found.notes
     assert float(note.split("gain is ")[1].split(" at small")[0]) == pytest.approx(7.007, rel=0.01)
 
@@ -106,3 +137,25 @@ def test_identify_fits_the_log_that_is_corrected():
     assert delay.value == pytest.approx(0.1, abs=0.003)
     (score,) = found.scores
     assert score.median["model"][1] < 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("softening", "fits"), [(0.0, 1), (1.5, 2)])
+def test_a_log_without_corrections_is_fitted_once_from_no_first_guess(softening, fits, monkeypatch):
+    fitted, stages = [], []
+
+    def count(*given):
+        fitted.append(given)
+        return fit_axis(*given)
+
+    monkeypatch.setattr(any_rig, "fit_axis", count)
+    log = axis_of(simulate_log(1, Rig(seconds=30.0, softening=softening)))
+    identify_axes(
+        [AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())],
+        0.0,
+        progress=lambda share, stage: stages.append((share, stage)),
+    )
+    assert len(fitted) == fits
+    assert stages[0] == (0.0, "x: clock, other axis and a gain that bends")
+    shares = [share for share, _ in stages]
+    assert shares == sorted(shares)

@@ -102,10 +102,9 @@ def test_a_tube_gives_gain_and_dead_time_though_the_ball_is_at_its_ends(seed):
     told = {each.name: each for each in found.verdicts}
     gain, delay = told["gain_x"], told["delay_x"]
     assert gain.word == IDENTIFIED_VERDICT
-    assert gain.value == pytest.approx(TUBE.gain, rel=0.06)
-    assert gain.value == pytest.approx(TUBE.gain, abs=gain.high - gain.low)
+    assert gain.low <= TUBE.gain <= gain.high
     assert delay.word == IDENTIFIED_VERDICT
-    assert delay.value == pytest.approx(0.04, abs=0.01)
+    assert delay.low <= TUBE.dead_time <= delay.high
     (score,) = found.scores
     assert score.median["model"][1] < 0.1 * score.median["stays"][1]
     assert any("% was used" in note for note in found.notes)

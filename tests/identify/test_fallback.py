@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,13 +14,16 @@ from docs.identify_errors import (
     predict_five_numbers,
     simulate_log,
 )
+from twin.identify import fallback
 from twin.identify.any_rig import (
     AxisIdentification,
-    _describe_lags,
-    _join_logs,
+    describe_lags,
     identify_axes,
+    join_logs,
 )
-from twin.identify.fallback import PLAIN_WHY, assess_plainly
+from twin.identify.end_stops import find_end_stops
+from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
+from twin.identify.first_look import look_first
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import plain_parameter
 from twin.identify.report import sentences
@@ -43,7 +48,12 @@ def log():
     return AxisLog(time, command, True, sampled, ball)
 
 
-def test_a_gain_that_is_identified_needs_no_fallback(log):
+def test_a_gain_that_is_identified_needs_no_look(log, monkeypatch):
+    def refuse(_):
+        raise AssertionError("a look that nothing needs")
+
+    monkeypatch.setattr(fallback, "look_plainly_in_several_ways", refuse)
+    monkeypatch.setattr(fallback, "look_at_rolling", refuse)
     before = [verdict("gain_x", IDENTIFIED_VERDICT, 7.0, 6.9, 7.1)]
     assert assess_plainly(log, "x", "rad", before) == (before, [])
 
@@ -59,8 +69,35 @@ def test_the_plain_model_gives_its_numbers_with_intervals(log):
         assert told[name].low <= truth <= told[name].high
         assert told[name].why == PLAIN_WHY
     assert told["gain_x"].word == IDENTIFIED_VERDICT
-    assert told["friction_x"].value is None
-    assert "not told apart" in note
+    friction = told["friction_x"]
+    assert friction.word == NOT_IDENTIFIABLE
+    assert (friction.value, friction.low, friction.high) == (None, None, None)
+    assert "friction from damping" in note
+
+
+def test_between_end_stops_a_rolling_ball_shows_friction_and_camber():
+    time, sampled, ball, command, _ = simulate_log(1, TUBE)
+    log = AxisLog(time, command, True, sampled, ball)
+    log = replace(log, stops=find_end_stops(log, look_first(log)))
+    before = [
+        verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0),
+        verdict("friction_x", BOUNDED_VERDICT, 0.3, 0.0, 0.6),
+        verdict("viscous_x", BOUNDED_VERDICT, 0.3, 0.0, 0.6),
+    ]
+    found, (note,) = assess_plainly(log, "x", "rad", before)
+    by_name = {each.name: each for each in found}
+    for name, truth in (
+        ("gain_x", TUBE.gain),
+        ("delay_x", TUBE.dead_time),
+        ("level_x", 0.0),
+        ("friction_x", TUBE.friction),
+        ("camber_x", 0.0),
+    ):
+        assert by_name[name].low <= truth <= by_name[name].high
+        assert by_name[name].why == ROLLING_WHY
+    assert by_name["viscous_x"].high is None
+    assert "friction and camber" in note
+    assert "linear" not in note
 
 
 def test_a_log_that_shows_nothing_keeps_its_verdicts(log):
@@ -74,11 +111,11 @@ def test_delays_that_no_scenario_has_are_told():
     x = verdict("delay_x", IDENTIFIED_VERDICT, 0.10, 0.09, 0.11)
     near = verdict("delay_y", IDENTIFIED_VERDICT, 0.105, 0.095, 0.115)
     far = verdict("delay_y", IDENTIFIED_VERDICT, 0.15, 0.14, 0.16)
-    assert _describe_lags([verdict("lag_x", NOT_IDENTIFIABLE)]) == []
-    (note,) = _describe_lags([lag])
+    assert describe_lags([verdict("lag_x", NOT_IDENTIFIABLE)]) == []
+    (note,) = describe_lags([lag])
     assert "a filter of the positions" in note
-    assert len(_describe_lags([x, near])) == 1
-    assert "0.1 s) and y (0.15 s)" in _describe_lags([x, far])[1]
+    assert len(describe_lags([x, near])) == 1
+    assert "0.1 s) and y (0.15 s)" in describe_lags([x, far])[1]
 
 
 def test_the_report_names_numbers_of_the_plain_model(log):
@@ -86,7 +123,7 @@ def test_the_report_names_numbers_of_the_plain_model(log):
         source="a", seconds=1.0, verdicts=(verdict("gain_x", PLAIN_VERDICT, 7.0, 5.0, 9.0),),
         scores=(), predictions={}, notes=(), extent="", remarks=(), factor=0.6, ball=None,
     )  # fmt: skip
-    assert any("plain linear model" in each and "gain" in each for each in sentences(found))
+    assert any("Of a plain model" in each and "gain" in each for each in sentences(found))
 
 
 @pytest.mark.long
@@ -111,7 +148,7 @@ def test_another_run_is_predicted_at_least_as_well_as_by_five_numbers(rig):
         axis = AxisLog(time, command, True, sampled, ball)
         logs.append(AnyLog(f"{seed}.csv", {"x": axis}, {"x": "rad"}, ()))
     found = identify_axes(logs[:1], logs[1:]).predictions["x"]
-    known, held = (_join_logs([each.axes["x"]]) for each in logs)
+    known, held = (join_logs([each.axes["x"]]) for each in logs)
     plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
     other = predict_five_numbers(plain, held.time, held.tilt, held.sampled, held.ball, found.begin)
     medians = [np.nanmedian(np.abs(e[found.moves])) for e in (found.errors("model", 1.0), other)]

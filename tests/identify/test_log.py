@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.logs import LOG_COLUMN_UNITS, NEEDED_COLUMNS, read
+from twin.identify.logs import LOG_COLUMN_UNITS, NEEDED_COLUMNS, find_noise, read
 from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, choose_parameters
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem, identify_twin, replay_log
@@ -180,3 +180,14 @@ def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rat
         steps = round(ahead / 0.002)
         way = np.hypot(*(ball[steps:] - ball[:-steps]).T)
         assert off == pytest.approx(float(np.median(way)), rel=0.1), ahead
+
+
+def test_the_noise_of_samples_of_a_smooth_motion_is_found():
+    time = np.arange(20_000) / 60
+    moved = 0.05 * np.sin(2 * np.pi * 0.3 * time)
+    noise = np.random.default_rng(1).standard_normal((2, len(time)))
+    ball = np.stack((moved + 4e-4 * noise[0], 2e-3 * noise[1]), axis=-1)
+    # the median of n independent absolute values scatters by 1.2 / sqrt(n), of second differences,
+    # which overlap, by up to twice that: 2.5 of these
+    assert find_noise(ball) == pytest.approx([4e-4, 2e-3], rel=5 * 1.2 / np.sqrt(len(time)))
+    assert find_noise(ball[:, 0]) == find_noise(ball)[0]

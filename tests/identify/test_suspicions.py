@@ -101,3 +101,19 @@ def test_a_log_with_a_slower_clock_begins_at_the_same_time(log):
     assert slow.sampled[0] == pytest.approx(log.sampled[0])
     assert np.ptp(slow.sampled) == pytest.approx(np.ptp(log.sampled) / 1.01)
     assert (slow.time == log.time).all()
+
+
+@pytest.mark.long
+def test_identify_says_a_suspicion_once(ballplate, tmp_path, write):
+    time, sampled, ball, command, _ = simulate_log(1, Rig(seconds=15.0))
+    at = np.searchsorted(time, sampled, "right") - 1
+    columns = {"time": sampled, "x": ball, "u": -command[np.maximum(at, 0)]}
+    write(tmp_path / "rig.csv", columns)
+    roles = "time=time,measured_x=x,command_phi=u"
+    code, out, err = ballplate("identify", "rig.csv", "--columns", roles)
+    assert code == 0
+    said = " ".join(err.split())
+    assert "warning: x: wrong sign of command_phi" in said
+    assert f"{out} {said}".count("wrong sign of command_phi") == 1
+    (report,) = tmp_path.rglob("report.html")
+    assert "wrong sign of command_phi" in report.read_text(encoding="utf-8")

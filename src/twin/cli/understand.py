@@ -170,7 +170,7 @@ def identify(
     done.save(folder)
     found = done.found
     why = (f"{each.label}: {each.why}" for each in found.verdicts if each.why)
-    notes = (f"note: {note}" for note in found.notes)
+    notes = (f"note: {note}" for note in found.notes if note not in found.warned)
     table = Table("", TABLE_HEADINGS, rows(found), words=(0, *range(3, len(TABLE_HEADINGS))))
     shown = (table, *why, *done.sentences, *notes)
     words = {each.word for each in found.verdicts}

@@ -15,7 +15,7 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.base.page import digits
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
-from twin.identify.corrections import Correction, find_correction
+from twin.identify.corrections import find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
 from twin.identify.fallback import assess_plainly
 from twin.identify.first_look import FirstLook, look_first
@@ -62,7 +62,8 @@ class AxisSelection:
     Attributes:
         window_s: Length of the windows.
         min_windows: Smallest number of windows of this length; with fewer they are shorter.
-        least_window_s: The same of a ball that rolls from one end stop to the next.
+        least_window_s: Smallest length of the windows where they are shortened: between end stops,
+            or where too few windows of ``window_s`` are without a gap.
         shorter_window_shares: Lengths of the windows of further fits, as shares of it: a model
             error shows as a different value there.
         optional_parameters: Fitted if they reduce the prediction error, unless requested.
@@ -220,10 +221,10 @@ def identify_axes(
 
     def part_and_join() -> tuple[list[dict[str, AxisLog]], dict[str, AxisLog]]:
         parts = [
-            _split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
+            split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
         ]
         return parts, {
-            axis: _join_logs([part[axis] for part in parts], levers.get(axis), selection)
+            axis: join_logs([part[axis] for part in parts], levers.get(axis), selection)
             for axis in first.unit
         }
 
@@ -233,13 +234,15 @@ def identify_axes(
     for axis, look in looks.items():
         if look:
             say(look.describe(axis, first.unit[axis]))
-    for suspicion in describe_suspicions(joined, first.unit, looks, factor):
+    warned = list(describe_suspicions(joined, first.unit, looks, factor))
+    for suspicion in warned:
         say(f"warning: {suspicion}")
-        notes.append(suspicion)
     joined = _find_stops(joined, looks)
-    correction = _find_correction(joined, looks, first.unit, selection)
+    usual = _fit_usual_parameters(joined, looks, selection, progress)
+    correction = find_correction(usual, first.unit)
     if correction.notes:
-        notes += correction.notes
+        usual = {}
+        warned += correction.notes
         for note in correction.notes:
             say(f"warning: {note}")
         logs = [correction.apply(log) for log in logs]
@@ -247,15 +250,16 @@ def identify_axes(
         known, joined = part_and_join()
         looks = {axis: look_first(log) for axis, log in joined.items()}
         joined = _find_stops(joined, looks)
+    notes += warned
     for axis, log in joined.items():
         notes += describe_stops(axis, log)
     others = (
-        [_split_axes(log, held)[1] for log in logs]
+        [split_axes(log, held)[1] for log in logs]
         if isinstance(held, float)
         else [log.axes for log in held]
     )
     fits, found, reasons, remarks_on_fits = _fit_axes(
-        joined, first.unit, looks, names, selection, progress
+        joined, first.unit, looks, usual, names, selection, progress
     )
     notes += remarks_on_fits
     if not any(each.value is not None for each in found):
@@ -270,7 +274,7 @@ def identify_axes(
     remarks = [
         _describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad"
     ]
-    notes += _describe_lags([each for each in found if first.axes[each.name[-1]].held])
+    notes += describe_lags([each for each in found if first.axes[each.name[-1]].held])
     progress(1.0, "")
     return AxisIdentification(
         source=first.source,
@@ -285,6 +289,7 @@ def identify_axes(
         ball=ball,
         on=str(on or ""),
         how=selection.fitting.hold_out,
+        warned=tuple(warned),
     )
 
 
@@ -299,28 +304,41 @@ def _find_stops(
     return found
 
 
-def _find_correction(
+def _fit_usual_parameters(
     logs: Mapping[str, AxisLog],
     looks: Mapping[str, FirstLook | None],
-    units: Mapping[str, str],
     selection: AxisSelection,
-) -> Correction:
-    """What a fit of the usual parameters leaves of clock, other axis and a gain that bends."""
+    progress: Callable[[float, str], None],
+) -> dict[str, AxisFit]:
+    """Fits of the usual parameters, which show corrections; without an axis that cannot be fitted.
+
+    Args:
+        logs: The joined logs by axis, x or y.
+        looks: First looks at them.
+        selection: Constants of the fit.
+        progress: Called with the share of the work done and the name of the next step.
+    """
     fits = {}
     for axis, log in logs.items():
+        progress(0.0, f"{axis}: clock, other axis and a gain that bends")
         with suppress(LogError):
             _check_excited(log)
-            each = _fit_between_stops(log, selection)
-            names = (*(n for n in SMOOTH_PARAMETERS if log.held or n != "lag"), "friction")
+            each, names = _fit_between_stops(log, selection), _choose_parameters(log)
             delays = DELAYS_S[log.held]
             fits[axis] = fit_axis(log, names, each.window_s, delays, each.fitting, looks[axis])
-    return find_correction(fits, units)
+    return fits
+
+
+def _choose_parameters(log: AxisLog, others: tuple[str, ...] = ("friction",)) -> tuple[str, ...]:
+    """The parameters of a first fit: the smooth ones that the log may show, and others."""
+    return (*(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"), *others)
 
 
 def _fit_axes(
     logs: Mapping[str, AxisLog],
     units: Mapping[str, str],
     looks: Mapping[str, FirstLook | None],
+    usual: Mapping[str, AxisFit],
     names: tuple[str, ...],
     selection: AxisSelection,
     progress: Callable[[float, str], None],
@@ -331,6 +349,7 @@ def _fit_axes(
         logs: The joined logs by axis, x or y.
         units: Unit of the command by axis.
         looks: First looks at them.
+        usual: Fits of their usual parameters, as far as there are any.
         names: Parameters that are fitted in addition to the smooth ones.
         selection: Constants of the fit.
         progress: Called with the share of the work done and the name of the next step.
@@ -349,9 +368,8 @@ def _fit_axes(
 
         try:
             _check_excited(log)
-            fit, about = _select_model(
-                log, names, _fit_between_stops(log, selection), advance, looks[axis]
-            )
+            between = _fit_between_stops(log, selection)
+            fit, about = _select_model(log, names, between, advance, looks[axis], usual.get(axis))
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             unknown = [
@@ -384,7 +402,7 @@ def _predict_held_out(
     """Axis to predictions of what was held out, from the same times of all axes."""
     there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
     unseen = {
-        axis: _join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
+        axis: join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
     }
     if not unseen:
         return {}
@@ -451,8 +469,16 @@ def _is_other_scale(turned: float) -> bool:
     return abs(turned - 1) > MAX_SCALE_ERROR
 
 
-def _split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
-    """The axes of a log before and after a share of its time from the end."""
+def split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
+    """The axes of a log before and after a border.
+
+    Args:
+        log: The log.
+        share: Share of its time that lies after the border.
+
+    Returns:
+        Axis to its log before the border, and the same after it.
+    """
     border = min(each.sampled[0] + (1 - share) * np.ptp(each.sampled) for each in log.axes.values())
     return (
         {axis: each.between(-np.inf, border) for axis, each in log.axes.items()},
@@ -460,23 +486,39 @@ def _split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str
     )
 
 
-def _join_logs(
+def join_logs(
     logs: list[AxisLog],
     lever: float | None = None,
     selection: AxisSelection = AXIS_SELECTION,
 ) -> AxisLog:
-    """Logs of an axis in sequence, with a pause between, and its lever in m if known."""
-    start, shifted = 0.0, []
+    """Logs of an axis in sequence, with a pause between.
+
+    The samples of the first seconds of each log and after each pause of its commands are left out:
+    commands before them, which the log has not, may still move the ball.
+
+    Args:
+        logs: Of one axis, each from its own start.
+        lever: How far above the plate's axis the ball is known to be as good as, m; None if it is
+            not.
+        selection: Constants.
+    """
+    start, shifted, recordings = 0.0, list[tuple[Array, ...]](), list[Array]()
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
         each = log.without(log.time[pauses], selection.earlier_commands_s)
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
         across = each.across + np.array([[shift], [0.0]])
+        begun = [start - selection.pause_between_logs_s / 2] if shifted else []
+        recordings.append(np.append(begun, each.recordings + shift))
         shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
         start = float(each.time[-1]) + shift + selection.pause_between_logs_s
     parts = zip(*shifted, strict=True)
     time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
-    return AxisLog(time, tilt, logs[0].held, sampled, ball, across, lever=lever)
+    return AxisLog(
+        *(time, tilt, logs[0].held, sampled, ball, across),
+        lever=lever,
+        recordings=np.concatenate(recordings),
+    )
 
 
 def _fit_between_stops(log: AxisLog, selection: AxisSelection) -> AxisSelection:
@@ -508,6 +550,7 @@ def _select_model(
     selection: AxisSelection = AXIS_SELECTION,
     advance: Callable[[float, str], None] = lambda *_: None,
     look: FirstLook | None = None,
+    usual: AxisFit | None = None,
 ) -> tuple[AxisFit, list[str]]:
     """The fit with the parameters that reduce the prediction error, and notes on it.
 
@@ -517,20 +560,22 @@ def _select_model(
         selection: Constants.
         advance: Called with the share of the work done, and what is done next.
         look: A first look at it.
+        usual: A fit of its usual parameters, which is not repeated; None if there is none.
     """
     notes: list[str] = []
     longest, fitting = selection.window_s, selection.fitting
     requested = tuple(
         name for name in PLAIN_PARAMETERS if name in names and name not in SMOOTH_PARAMETERS
     )
-    chosen = (
-        *(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"),
-        *(requested or ("friction",)),
-    )
+    chosen = _choose_parameters(log, requested or ("friction",))
     delays = DELAYS_S[log.held]
     advance(0.0, "windows from no first guess")
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
-    fits = [fit_axis(each, chosen, longest, delays, fitting, look) for each in ways]
+    done = [usual] if usual and usual.problem.names == chosen else []
+    fits = [
+        *done,
+        *(fit_axis(e, chosen, longest, delays, fitting, look) for e in ways[len(done) :]),
+    ]
     # of all windows, not the usual one, in which the ball may rest; 10 um are as good as none
     squares = [f.sigma**2 * f.problem.misfit(f.found.linearisation.r) for f in fits]
     at = int(np.argmin([np.log(1e-10 + each).mean() for each in squares]))
@@ -752,8 +797,12 @@ def _to_slew_rate(found: ParameterVerdict, swing: float) -> ParameterVerdict:
     return replace(found, low=low, value=value, high=high)
 
 
-def _describe_lags(verdicts: Sequence[ParameterVerdict]) -> list[str]:
-    """Notes on delays that a scenario has not: of a filter, and different ones of the axes."""
+def describe_lags(verdicts: Sequence[ParameterVerdict]) -> list[str]:
+    """Notes on delays that a scenario has not: of a filter, and different ones of the axes.
+
+    Args:
+        verdicts: Of all axes with commands, by names as ``lag_x``.
+    """
     known = {each.name: each for each in verdicts if each.word == IDENTIFIED_VERDICT}
     notes = []
     if {"lag_x", "lag_y", "delay_x", "delay_y"} & known.keys():

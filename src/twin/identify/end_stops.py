@@ -20,7 +20,7 @@ from scipy.ndimage import median_filter
 from controllers.arrays import Array
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
-from twin.identify.logs import AxisLog, EndStops, runs
+from twin.identify.logs import AxisLog, EndStops, find_noise, runs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +29,9 @@ class WallSearch:
 
     Attributes:
         end_quantile: Share of the positions up to which the way goes.
-        min_margin_m: Least width of the band at an end, visits to which are tested.
-        margin_noise_stds: The same in standard deviations of a position.
+        min_margin_m: Least width of the band at an end of the way; a visit is a stay in it.
+        margin_noise_stds: Least width of that band in standard deviations of the noise of a
+            position; the larger of the two widths holds.
         speed_window_s: Time before and after a visit over which the speed is fitted.
         min_samples: Smallest number of samples for a speed.
         merged_gap_s: Visits with no more time between are one: a ball that bounces to rest.
@@ -136,7 +137,7 @@ def _find_visits(log: AxisLog, look: FirstLook, side: float, how: WallSearch) ->
     """Visits to the lower (side -1) or upper (1) end of the way, with their impulses."""
     time, place = log.sampled, side * log.ball
     step = float(np.median(np.diff(time)))
-    noise = float(np.median(np.abs(np.diff(place, n=2)))) / (0.6745 * np.sqrt(6))
+    noise = float(find_noise(place))
     smooth = median_filter(place, size=3, mode="nearest")
     fast = float(np.quantile(np.abs(np.diff(smooth)) / np.maximum(np.diff(time), 1e-6), 0.9))
     top = float(np.quantile(smooth, how.end_quantile))

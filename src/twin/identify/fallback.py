@@ -1,11 +1,11 @@
-"""Answers by a plain linear model where the full one does not show the gain of an axis."""
+"""Answers by a first look at an axis where the full model does not show its gain."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from twin.identify.first_look import look_at_rolling, look_plainly_in_several_ways
+from twin.identify.first_look import FirstLook, look_at_rolling, look_plainly_in_several_ways
 from twin.identify.logs import AxisLog
 from twin.identify.parameters import plain_parameter
 from twin.identify.verdicts import (
@@ -17,16 +17,23 @@ from twin.identify.verdicts import (
 )
 
 PLAIN_WHY = "by the plain linear model, as the full one does not show the gain"
-"""Reason of a verdict of the plain model."""
+"""Reason of a verdict of the plain linear model."""
+ROLLING_WHY = (
+    "by short windows of a ball that rolls in one direction, as the full model does not show the "
+    "gain"
+)
+"""Reason of a verdict by windows between end stops."""
 
 
 def assess_plainly(
     log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
 ) -> tuple[list[ParameterVerdict], list[str]]:
-    """Verdicts with those of the plain linear model where the full one does not show the gain.
+    """Verdicts with those of a first look where the full model does not show the gain.
 
-    Their intervals hold what windows of several lengths give, with damping and without: as far as
-    these differ, the plain model is in error.
+    Without end stops the look is the plain linear model. The intervals then hold what windows of
+    several lengths give, with damping and without: as far as these differ, the model is in error.
+    Between end stops only windows of a ball that rolls in one direction are short enough. They give
+    friction and camber instead of damping, by windows of one length.
 
     Args:
         log: The axis.
@@ -38,14 +45,18 @@ def assess_plainly(
         All verdicts, and a note on what was done.
     """
     words = {each.name: each.word for each in verdicts}
-    looks = look_plainly_in_several_ways(log)
-    if log.stops is not None and (rolling := look_at_rolling(log)):
-        looks = [rolling]  # between walls its windows are short enough
-    if words[f"gain_{axis}"] == IDENTIFIED_VERDICT or not looks:
+    if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
+        return list(verdicts), []
+    rolling = look_at_rolling(log) if log.stops is not None else None
+    looks = [rolling] if rolling else look_plainly_in_several_ways(log)
+    if not looks:
         return list(verdicts), []
     first, found = looks[0], {}
+    why = PLAIN_WHY if first.plain else ROLLING_WHY
     attributes = {"gain": "gain", "delay": "delay", "level": "level"}
-    if first.damping:
+    if not first.plain:
+        attributes |= {"friction": "friction", "camber": "camber"}
+    elif first.damping:
         attributes["viscous"] = "damping"
     for name, attribute in attributes.items():
         spans = [
@@ -64,19 +75,37 @@ def assess_plainly(
             low=low,
             high=high,
             word=IDENTIFIED_VERDICT if narrow else PLAIN_VERDICT,
-            why=PLAIN_WHY,
+            why=why,
         )
     kept = [
-        replace(each, value=None, word=NOT_IDENTIFIABLE, why=f"{PLAIN_WHY}; {each.why}")
+        replace(
+            each, value=None, low=None, high=None, word=NOT_IDENTIFIABLE, why=f"{why}; {each.why}"
+        )
         for each in verdicts
         if each.name.rpartition("_")[0] not in found and each.word != GIVEN_VERDICT
     ]
     given = [each for each in verdicts if each.word == GIVEN_VERDICT]
-    share = 100 * first.explained
-    note = (
-        f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, level "
-        f"and damping are those of a plain linear model by the weak form, which explains "
-        f"{share:.0f} % of the motion in {first.windows} windows; dead time from lag, friction "
-        "from damping, and play or dead band are not told apart"
+    return [*found.values(), *kept, *given], [_describe_look(first, axis)]
+
+
+def _describe_look(look: FirstLook, axis: str) -> str:
+    """A note on the look that answers instead of the full model.
+
+    Args:
+        look: The look.
+        axis: x or y.
+    """
+    share = 100 * look.explained
+    if look.plain:
+        return (
+            f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, "
+            "level and damping are those of a plain linear model by the weak form, which explains "
+            f"{share:.0f} % of the motion in {look.windows} windows; dead time from lag, friction "
+            "from damping, and play or dead band are not told apart"
+        )
+    return (
+        f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, level, "
+        "friction and camber are those of a ball that rolls in one direction between end stops, "
+        f"by the weak form, which explains {share:.0f} % of the motion in {look.windows} windows; "
+        "dead time from lag, damping from friction, and play or dead band are not told apart"
     )
-    return [*found.values(), *kept, *given], [note]

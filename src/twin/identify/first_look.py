@@ -10,7 +10,8 @@ ball rolls in one direction and touches no end of its way, so that neither stick
 is part of the equation. Where too few of them show anything, longer windows of any motion show
 gain, level and damping, as a plain linear model has them.
 
-A clock that drifts makes the delay grow with time, which is one column more of the same equation.
+A clock that drifts makes the delay grow with time, which is one column more of the same equation,
+as is an offset of the clock of each recording where several are joined.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from scipy.signal import fftconvolve, savgol_filter
 from controllers.arrays import Array, Mask
 from twin.base.page import digits
 from twin.identify.command_model import TiltHistory
-from twin.identify.logs import AxisLog
+from twin.identify.logs import AxisLog, find_noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +93,9 @@ class FirstLook:
         level: m/s^2.
         level_std: Its standard deviation.
         friction: m/s^2.
+        friction_std: Its standard deviation.
         camber: 1/s^2.
+        camber_std: Its standard deviation.
         damping: 1/s.
         damping_std: Its standard deviation.
         windows: Number of windows that are used.
@@ -111,7 +114,9 @@ class FirstLook:
     level: float
     level_std: float
     friction: float
+    friction_std: float
     camber: float
+    camber_std: float
     damping: float
     damping_std: float
     windows: int
@@ -261,7 +266,7 @@ class _Grid:
 
     def noise_share(self, log: AxisLog, rows: NDArray[np.intp]) -> float:
         """Variance of the left side by the noise of the samples, as a share."""
-        noise = np.median(np.abs(np.diff(log.ball, n=2))) / (0.6745 * np.sqrt(6))
+        noise = float(find_noise(log.ball))
         sample_step = float(np.median(np.diff(log.sampled)))
         variance = noise**2 * (self.bend @ self.bend) * max(sample_step / self.step, 1.0)
         return float(variance / max(float(np.var(self.left(rows))), 1e-30))
@@ -336,11 +341,11 @@ def _solve(
     share = independent / kept.sum()
     stds = _deviations(columns[kept], scatter, share)
     turned = (pushed[lag][k + 1] - pushed[lag][k - 1]) / (2 * h)
-    since = grid.time[rows] - log.sampled[0]
-    wider = np.column_stack((columns, turned, turned * (since - since.mean())))
+    changes = log.clock_columns(grid.time[rows])
+    wider = np.column_stack((columns, turned, turned[:, None] * changes))
     values = np.linalg.lstsq(wider[kept], left[kept], rcond=1e-9)[0]
     rest = float(((wider @ values - left)[kept] ** 2).mean())
-    by_delay = _deviations(wider[kept], rest, share)[-2:] / abs(float(found[0]))
+    by_delay = _deviations(wider[kept], rest, share) / abs(float(found[0]))
     return _Solution(
         rows=rows,
         lag=lag,
@@ -350,8 +355,8 @@ def _solve(
         kept=kept,
         explained=1 - scatter / max(float(np.var(left[kept])), 1e-30),
         independent=independent,
-        drift=(float(values[-1] / found[0]), float(by_delay[1])),
-        delay_std=float(by_delay[0]),
+        drift=(float(values[-1] / found[0]), float(by_delay[-1])),
+        delay_std=float(by_delay[columns.shape[1]]),
     )
 
 
@@ -428,7 +433,9 @@ def _describe_solution(
         level=value["level"],
         level_std=std["level"],
         friction=rub,
+        friction_std=std.get("friction", 0.0),
         camber=value.get("camber", 0.0),
+        camber_std=std.get("camber", 0.0),
         damping=value.get("damping", 0.0),
         damping_std=std.get("damping", 0.0),
         windows=round(found.independent),

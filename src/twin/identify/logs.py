@@ -304,6 +304,8 @@ class AxisLog:
         lever: How far above the plate's axis the ball is known to be as good as, m; None if it is
             not.
         stops: Its end stops; None without any.
+        recordings: When each recording after the first begins where several are joined, s, rising,
+            shape (R - 1,); their clocks may differ by an offset each.
     """
 
     time: Array
@@ -314,6 +316,7 @@ class AxisLog:
     across: Array = field(default_factory=lambda: np.zeros((2, 1)))
     lever: float | None = field(default=None, kw_only=True)
     stops: EndStops | None = field(default=None, kw_only=True)
+    recordings: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)
 
     @property
     def touching(self) -> Mask:
@@ -338,6 +341,25 @@ class AxisLog:
         if not self.held:
             return np.interp(time, self.time, self.tilt)
         return self.tilt[np.maximum(np.searchsorted(self.time, time, "right") - 1, 0)]
+
+    def clock_columns(self, time: Array) -> Array:
+        """How a dead time may change over a log, next to its mean: columns of a regression.
+
+        By an offset of the clock of each recording after the first, and by a drift that all
+        recordings have in common, which grows with the time in each.
+
+        Args:
+            time: At which the dead time acts, s, shape (N,).
+
+        Returns:
+            One column for each offset that shows at these times, then the drift's, in s; each with
+            zero mean, shape (N, C).
+        """
+        which = np.searchsorted(self.recordings, time, "right")
+        there = which[:, None] == np.unique(which)
+        since = time - there @ ((there.T @ time) / there.sum(axis=0))
+        columns = np.column_stack((there[:, 1:], since))
+        return columns - columns.mean(axis=0)
 
     def with_clock(self, drift: float) -> AxisLog:
         """This log with the clock of its samples slowed down, which is faster by a share."""
@@ -970,6 +992,23 @@ def resolution(measured: Array) -> float:
     steps = np.diff(np.unique(measured))
     steps = steps[steps > 1e-9]
     return float(steps.min()) if len(steps) else 0.0
+
+
+def find_noise(samples: Array) -> Array:
+    """Standard deviation of the noise of evenly spaced samples of a smooth motion.
+
+    The second difference of white noise of standard deviation s has sqrt(6) s, and the median of
+    the absolute value of a normal number is 0.6745 standard deviations. What the motion itself
+    bends in two steps is taken to be less than the noise.
+
+    Args:
+        samples: Along the first axis, shape (K,) or (K, A).
+
+    Returns:
+        In the unit of the samples, shape () or (A,).
+    """
+    bend = np.diff(samples, n=2, axis=0)
+    return np.asarray(np.median(np.abs(bend), axis=0) / (0.6745 * np.sqrt(6)))
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:

@@ -744,7 +744,16 @@ def fit_axis(
 
 
 def _guess_from(look: FirstLook, problem: AxisProblem) -> Array:
-    """The values of a first look, of parameters that it has not the usual guess, shape (1, P)."""
+    """A guess of the parameters by a first look, shape (1, P).
+
+    Gain, dead time, level, friction and camber are those of the look. Its delay is all taken as
+    dead time, so the lag is zero. A parameter that the look does not contain has its usual first
+    guess.
+
+    Args:
+        look: At the log that is fitted.
+        problem: The fit, whose parameters are guessed.
+    """
     seen = {"gain": look.gain * problem.tilt.scale, "dead_time": look.delay, "lag": 0.0}
     seen |= {name: getattr(look, name) for name in ("level", "friction", "camber")}
     return problem.first_guesses(**{k: [v] for k, v in seen.items() if k in problem.names})
@@ -1002,12 +1011,13 @@ def find_significance(fit: AxisFit, name: str) -> float:
 def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
     """By how much the clock of the positions is faster than that of the commands, and its error.
 
-    The dead time grows by it. The error is the half-width of its interval.
+    The dead time grows by it with the time in each recording; an offset of each recording's clock
+    is fitted along. The error is the half-width of its interval.
     """
     fit = fit.windowed or fit
-    begin = fit.problem.windows.begin
+    changes = fit.log.clock_columns(fit.problem.windows.begin)
     by_time = fit.found.linearisation.by_parameter[0, ..., fit.problem.names.index("dead_time")]
-    (drift, _), (half, _) = _step_by(fit, by_time * (begin - begin.mean())[:, None])
+    (drift, _), (half, _) = _step_by(fit, by_time[..., None] * changes[:, None])
     return drift, half
 
 
@@ -1027,19 +1037,21 @@ def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
     mixed = replace(fit.log, tilt=fit.log.tilt + share * more)
     problem = replace(fit.problem, tilt=TiltHistory(mixed, fit.problem.tilt.scale))
     moved = problem.linearise(fit.found.theta, fit.found.starts, slopes=False)
-    (found, gain), (half, _) = _step_by(fit, (moved.r - fit.found.linearisation.r)[0] / share)
+    (found, gain), (half, _) = _step_by(
+        fit, (moved.r - fit.found.linearisation.r)[0, ..., None] / share
+    )
     return found, half, gain / fit.problem.tilt.scale
 
 
-def _step_by(fit: AxisFit, slope: Array) -> tuple[tuple[float, float], tuple[float, float]]:
-    """One step of a fit with one parameter more: its value and the gain, and their half-widths.
+def _step_by(fit: AxisFit, more: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """One step of a fit with C parameters more: the last one and the gain, and their half-widths.
 
     Args:
-        fit: The fit, in which the parameter is zero.
-        slope: Of the residuals by the parameter, shape (W, M).
+        fit: The fit, in which these parameters are zero.
+        more: Slopes of the residuals by them, shape (W, M, C).
     """
     line = fit.found.linearisation
-    slopes = np.concatenate((line.by_parameter, slope[None, ..., None]), axis=-1)
+    slopes = np.concatenate((line.by_parameter, more[None]), axis=-1)
     free, _ = line._replace(by_parameter=slopes).eliminate_starts()
     weight = fit.problem.weights(line.r)[0]
     r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806

@@ -11,7 +11,7 @@ from scipy.signal import savgol_filter
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.logs import Log, resolution, runs
+from twin.identify.logs import Log, find_noise, resolution, runs
 from twin.run.logs import check_reach
 
 COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
@@ -124,9 +124,8 @@ def _new_position(age: Array, ball: Array, period: float) -> Mask:
 
 
 def _noise(ball: Array) -> Array:
-    """Standard deviation of one sample, from how three in a row differ from a line."""
-    bend = np.diff(ball, n=2, axis=0)
-    spread = np.median(np.abs(bend), axis=0) / (0.6745 * np.sqrt(6))
+    """Standard deviation of one sample in m, shape (2,): of noise or of steps, 1 um at least."""
+    spread = find_noise(ball)
     grid = np.array([resolution(ball[:, axis]) for axis in (0, 1)])
     return np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
 

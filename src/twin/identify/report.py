@@ -38,7 +38,7 @@ def sentences(found: Identification) -> list[str]:
     words = list(_describe_scores(found))
     for heading, among in (
         ("Identified", (IDENTIFIED_VERDICT,)),
-        ("Of a plain linear model, with wide intervals", (PLAIN_VERDICT,)),
+        ("Of a plain model, with wide intervals", (PLAIN_VERDICT,)),
         (
             "Best fit only, as the log rejects the model: no error is known",
             (REJECTED_VERDICT,),

@@ -21,7 +21,7 @@ GIVEN_VERDICT = "given"
 REJECTED_VERDICT = "model rejected"
 """The model does not explain the log: the value is the best fit, and its error is unknown."""
 PLAIN_VERDICT = "plain model"
-"""The value is of a plain linear model, and its interval is wide: nothing finer is known."""
+"""The value is of a plain model by the weak form, with a wide interval: nothing finer is known."""
 MAX_CORRELATION = 0.95
 """Correlation above which two parameters cannot be distinguished."""
 
@@ -37,8 +37,8 @@ class ParameterVerdict:
         low: Lower end of the 95 % interval, in the same unit; None if unknown.
         high: Upper end.
         word: ``identified``, ``bounded`` (only a bound is known), ``plain model`` (the value is of
-            a plain linear model, and its interval wide), ``model rejected`` (the value is the best
-            fit, and has no interval), ``given`` or ``not identifiable``.
+            a plain model by the weak form, and its interval wide), ``model rejected`` (the value is
+            the best fit, and has no interval), ``given`` or ``not identifiable``.
         why: What is wrong and what experiment would show it; empty if identified.
     """
 
@@ -262,6 +262,7 @@ class Identification:
         remarks: Further results of the fit, in sentences.
         on: The rig that the parameters are set over; empty for the rig of a scenario.
         how: Constants of the predictions.
+        warned: The notes that were already given as warnings while the log was fitted.
     """
 
     source: str
@@ -274,6 +275,7 @@ class Identification:
     remarks: tuple[str, ...]
     on: str = ""
     how: HoldOutPrediction = HOLD_OUT
+    warned: tuple[str, ...] = ()
 
     @property
     def over(self) -> dict[str, str]:
