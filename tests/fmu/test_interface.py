@@ -337,7 +337,15 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     source = library.parents[2] / "sources"
     shell = HERE.parents[1] / "src/twin/fmu/c/fmi2.c"
     program = tmp_path / "exercise"
-    names = ("rig.c", "instance.c", "fmi3.c", "fmi3_absent.c", "scenario.c", "variables.c")
+    names = (
+        "rig.c",
+        "noise.c",
+        "instance.c",
+        "fmi3.c",
+        "fmi3_absent.c",
+        "scenario.c",
+        "variables.c",
+    )
     files = [HERE / "exercise.c", *(source / name for name in names), shell]
     flags = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wno-unused-parameter -Werror -g -O1"
     flags += " -fsanitize=address,undefined -fno-sanitize-recover=all"
