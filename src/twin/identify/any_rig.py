@@ -385,9 +385,10 @@ def _fit_axes(
         notes += [f"{axis}: {each}" for each in about]
         fits[axis] = fit
         verdicts = _assess_axis(fit, axis, units[axis], selection)
-        verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)
+        if not fit.problem.drift:  # the plain model has one level for the whole log
+            verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)
+            notes += plain_notes
         found += verdicts
-        notes += plain_notes
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
     return fits, found, reasons, notes
