@@ -3,7 +3,6 @@
 import csv
 
 import pytest
-from command_line import ballplate  # noqa: F401  a fixture
 
 from docs import identify_coverage
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import ballplate  # noqa: F401  a fixture
 
 from docs.identify_errors import Rig, simulate_log
 from twin.identify.first_look import look_first
@@ -104,7 +105,7 @@ def test_a_log_with_a_slower_clock_begins_at_the_same_time(log):
 
 
 @pytest.mark.long
-def test_identify_says_a_suspicion_once(ballplate, tmp_path, write):
+def test_identify_says_a_suspicion_once(ballplate, tmp_path, write):  # noqa: F811
     time, sampled, ball, command, _ = simulate_log(1, Rig(seconds=15.0))
     at = np.searchsorted(time, sampled, "right") - 1
     columns = {"time": sampled, "x": ball, "u": -command[np.maximum(at, 0)]}
