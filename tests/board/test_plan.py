@@ -31,8 +31,14 @@ def test_the_numbers_of_the_plan_are_those_of_a_preview_of_1_4_s():
     ("changes", "text"),
     [
         ({"controller__preview": 0.02}, r"controller.preview: must be 0.058 s or more in C"),
-        ({"reference__omega": 3.0}, r"controller.slope or slope_rate, for which 'stable_inversion' has no"),
-        ({"plant__start__x": 0.05}, r"controller.slope or slope_rate, for which 'stable_inversion' has no"),
+        (
+            {"reference__omega": 3.0},
+            r"controller.slope or slope_rate, for which 'stable_inversion' has no",
+        ),
+        (
+            {"plant__start__x": 0.05},
+            r"controller.slope or slope_rate, for which 'stable_inversion' has no",
+        ),
         ({"reference": {"kind": "step", "time": 1.0}}, r"'step' jumps at 1 s, which"),
     ],
 )
