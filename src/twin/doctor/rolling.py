@@ -152,7 +152,7 @@ class _Motion:
 
     @property
     def velocity(self) -> Array:
-        """Of the ball in m/s, shape (2,), between the means of two such times; NaN at first."""
+        """Velocity of the ball in m/s, shape (2,), between two means of its place; NaN at first."""
         return (self.place - self._places[: self._half].mean(axis=0)) / self._test.speed_s
 
     def wait_for_ball(self, middle: Array, seconds: float) -> bool:

@@ -44,7 +44,7 @@ FORECAST_HEADINGS = (
 
 @dataclass(frozen=True, kw_only=True)
 class RigChoice:
-    """Which rigs an experiment is planned for.
+    """Rigs that an experiment is planned for.
 
     Attributes:
         on: Name or file of the rig; empty for the thesis's rig.
