@@ -153,7 +153,6 @@ def test_what_an_answer_needs_works(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.xfail(reason="open: imports of pandas end where threads are limited")
 def test_an_answer_may_use_control_and_what_that_imports(tmp_path: Path) -> None:
     file = tmp_path / "answer.py"
     file.write_text("""

@@ -79,8 +79,13 @@ PICKLED, NUMBERS = b"*", b"="
 """Tags of a pickle and of the bytes of an array; equal to those of ``lab/child.py``."""
 PROGRAM_OPCODES = {"start": 0.0, "command": 1.0, "correct": 1.0, "predict": 2.0}
 """Requests to a program in any language: the number that it receives for each."""
-CHILD_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENSSL_CONF": "none"}
-"""Environment without which numpy has threads, and Node.js ends because it may not read /etc."""
+CHILD_ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "NUMEXPR_NUM_THREADS": "1",
+    "OPENSSL_CONF": "none",
+}
+"""Environment without which numpy has threads, a process that imports pandas ends because numexpr,
+where it is installed, may not start any, and Node.js ends because it may not read /etc."""
 ONE_AT_A_TIME = RLock()
 """Held while a process of this computer has the name ``answer``: a cluster's may have threads."""
 
