@@ -203,9 +203,7 @@ def test_a_compiler_that_is_not_there_is_named_with_its_packages(
     target, missing, words, monkeypatch
 ):
     found = shutil.which
-    monkeypatch.setattr(
-        programs.shutil, "which", lambda name: None if name == missing else found(name)
-    )
+    monkeypatch.setattr(shutil, "which", lambda name: None if name == missing else found(name))
     with pytest.raises(bp.TwinError, match=words) as error:
         run(target)
     assert str(error.value).startswith(f"board.program: needs {missing}")
@@ -214,7 +212,7 @@ def test_a_compiler_that_is_not_there_is_named_with_its_packages(
 def test_an_emulator_that_is_not_there_is_named_with_its_package(tmp_path, monkeypatch):
     elf = tmp_path / "mine.elf"
     elf.write_bytes(b"\x7fELF".ljust(18, b"\0") + b"\x28\0")
-    monkeypatch.setattr(programs.shutil, "which", lambda _: None)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(bp.TwinError, match="needs qemu-system-arm, which is not installed"):
         run(elf)
 

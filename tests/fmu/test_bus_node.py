@@ -715,7 +715,7 @@ def test_a_wrong_request_is_one_line(tmp_path, monkeypatch, arguments, line):
 
 
 def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.fmu.export.shutil.which", lambda _: None)
+    monkeypatch.setattr("twin.base.programs.shutil.which", lambda _: None)
     with pytest.warns(bp.BallplateWarning, match=r"source only.*no C compiler"):
         bp.drive_fmu("akd", tmp_path / "drive.fmu")
 

@@ -303,7 +303,7 @@ def test_equal_scenarios_make_equal_files(tmp_path):
 
 
 def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.fmu.export.shutil.which", lambda _: None)
+    monkeypatch.setattr("twin.base.programs.shutil.which", lambda _: None)
     with pytest.warns(bp.BallplateWarning, match=r"source only.*no C compiler"):
         path = bp.fmu("circle", tmp_path / "rig.fmu", duration=0.02)
     with zipfile.ZipFile(path) as archive:

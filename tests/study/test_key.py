@@ -71,6 +71,7 @@ BESIDE = {
     "base/errors",
     "base/foreign",
     "base/parts",
+    "base/programs",
     "base/shipped",
     "base/validation",
     "base/writing",

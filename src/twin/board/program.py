@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 from collections.abc import Mapping
 from functools import cache
@@ -12,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 from typing import TYPE_CHECKING, NamedTuple
 
+from twin.base import programs
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.parts import extra
 from twin.board.footprint import ARM_FLAGS
@@ -80,13 +80,7 @@ def find_program(program: str) -> str:
     Raises:
         ScenarioError: If it is not: which packages of Debian have it.
     """
-    found = shutil.which(program)
-    if found is None:
-        raise ScenarioError(
-            f"board.program: needs {program}, which is not installed "
-            f"(packages of Debian: {PACKAGES[program]})"
-        )
-    return found
+    return programs.find_program(program, PACKAGES, "board.program", ScenarioError)
 
 
 def command_of(program: Path) -> list[str]:
@@ -189,5 +183,4 @@ def _why(said: str) -> str:
             f"needs {over[2]} bytes more than the {over[1]} of the emulated board has; a reference "
             "without a closed form is a table, which a shorter duration makes smaller"
         )
-    lines = [line for line in said.splitlines() if "error" in line] or said.splitlines()
-    return lines[0].rpartition("error: ")[2].strip() if lines else "no message"
+    return programs.find_error_line(said).rpartition("error: ")[2].strip()

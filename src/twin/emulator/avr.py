@@ -24,6 +24,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import RigError
+from twin.base.programs import find_error_line, find_program
 from twin.emulator.can_bus import check_pseudo_terminals
 from twin.hal.interface import Touch
 from twin.run.assemble import build_devices, build_plant
@@ -142,18 +143,8 @@ def size_of(firmware: Path) -> Size:
 
 
 def _find(program: str) -> str:
-    """The path of a program that must be installed.
-
-    Raises:
-        RigError: If it is not: which packages of Debian have it.
-    """
-    found = shutil.which(program)
-    if found is None:
-        raise RigError(
-            f"emulated board: needs {program}, which is not installed "
-            f"(packages of Debian: {PACKAGES[program]})"
-        )
-    return found
+    """The path of a program that must be installed."""
+    return find_program(program, PACKAGES, "emulated board", RigError)
 
 
 def _compile(
@@ -186,9 +177,7 @@ def _compile(
             f"{_UNFIT}; large are an ekf, and the table of a reference without a closed form"
         )
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "error" in line]
-        why = (lines or done.stderr.splitlines() or ["no message"])[0]
-        raise RigError(f"emulated board: {compiler}: {why}")
+        raise RigError(f"emulated board: {compiler}: {find_error_line(done.stderr)}")
 
 
 class Chip:

@@ -10,7 +10,6 @@ import json
 import math
 import platform
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,6 +28,7 @@ from twin.base.errors import ScenarioError, TwinError
 from twin.base.followers import FREE, PARTS
 from twin.base.page import render_template
 from twin.base.parts import own_version
+from twin.base.programs import find_c_compiler
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
 from twin.hal.interface import Limits
@@ -467,7 +467,7 @@ def compile_binary(
         identifier: Name of the binary.
         fmi: 2 or 3.
     """
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    compiler = find_c_compiler()
     machine = platform.machine()
     if not sys.platform.startswith("linux") or (fmi == 2 and machine != "x86_64"):
         return {}, f"binaries are made on Linux, not on {sys.platform} {machine}"

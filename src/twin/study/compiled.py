@@ -9,7 +9,6 @@ why it ended.
 from __future__ import annotations
 
 import ctypes
-import shutil
 import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from controllers.arrays import Array
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.followers import PARTS
 from twin.base.parts import extra
+from twin.base.programs import find_c_compiler, find_error_line
 from twin.fmu.export import (
     RIG_SOURCES,
     add_token,
@@ -206,7 +206,7 @@ def compile_runs(scenario: Scenario, folder: Path) -> Path:
     """
     with extra("casadi", "engine = c"):
         from twin.board.source import controller_parts, controller_sources  # noqa: PLC0415  heavy
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    compiler = find_c_compiler()
     if compiler is None:
         raise TwinError("engine: c needs a C compiler (cc, gcc or clang); none is installed")
     parts = controller_parts(NAME, control_of(scenario), "double")
@@ -229,8 +229,7 @@ def compile_runs(scenario: Scenario, folder: Path) -> Path:
         check=False,
     )
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "error" in line]
-        raise TwinError(f"engine: {compiler} failed: {(lines or ['no message'])[0]}")
+        raise TwinError(f"engine: {compiler} failed: {find_error_line(done.stderr)}")
     return library
 
 
