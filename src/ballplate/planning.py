@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter, default
-from ballplate.results import HOLD_OUT_SHARE
+from ballplate.results import HOLD_OUT_SHARE, check_hold_out
 from twin.base.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -109,8 +109,7 @@ def plan_experiment(
     from twin.identify.parameters import choose_parameters
     from twin.plan.experiment import RigChoice, forecast_motions
 
-    if not 0 <= hold_out <= 0.8:
-        raise ScenarioError(f"hold_out: must be 0 to 0.8, got {hold_out:g}")
+    check_hold_out(hold_out)
     names = [parameters] if isinstance(parameters, str) else parameters
     wanted = choose_parameters(",".join(names) or None)
     motions = [scenarios] if isinstance(scenarios, str | Path) else list(scenarios)

@@ -247,8 +247,18 @@ class Log(Signals):
     units: Mapping[str, str]
 
 
-HOLD_OUT_SHARE = 0.33
-"""Share of a log that is held out from the fit."""
+HOLD_OUT_SHARE, MAX_HOLD_OUT_SHARE = 0.33, 0.8
+"""Share of a log that is held out from the fit unless chosen otherwise, and the largest one."""
+
+
+def check_hold_out(share: float) -> None:
+    """Make sure that a share of a log can be held out from its fit.
+
+    Raises:
+        ScenarioError: If it is out of range.
+    """
+    if not 0 <= share <= MAX_HOLD_OUT_SHARE:
+        raise ScenarioError(f"hold_out: must be 0 to {MAX_HOLD_OUT_SHARE:g}, got {share:g}")
 
 
 @dataclass(repr=False, eq=False)
@@ -353,8 +363,8 @@ def identify(
     from twin.identify.parameters import PLAIN_PARAMETERS, choose_parameters
     from twin.scenario import load
 
-    if isinstance(hold_out, float | int) and not 0 <= hold_out <= 0.8:
-        raise ScenarioError(f"hold_out: must be 0 to 0.8, got {hold_out:g}")
+    if isinstance(hold_out, float | int):
+        check_hold_out(hold_out)
     names = [parameters] if isinstance(parameters, str) else parameters
     factor = None if ball is None else ball_factor(ball)
     heights = None if ball_height is None else ball_heights(ball_height)
