@@ -370,12 +370,12 @@ ROWS = (
 def way_to_level(by: str, patience: float) -> float:
     """Longest time in s from the detection to a plate that is level and stands.
 
+    It is the servos' slew and lag; before that the host's braking, its way back and the time in
+    which it takes in a drift, or the board's patience.
+
     Args:
         by: Who levels it.
         patience: Time in s after which the board does it by itself.
-
-    The servos' slew and lag; before that the host's braking, its way back and the time in which it
-    takes in a drift, or the board's patience.
     """
     angle, rate, acceleration = (
         float(np.max(each)) for each in (LIMITS.angle, LIMITS.rate, LIMITS.acceleration)

@@ -174,8 +174,8 @@ def identify(
     table = Table("", TABLE_HEADINGS, rows(found), words=(0, *range(3, len(TABLE_HEADINGS))))
     shown = (table, *why, *done.sentences, *notes)
     words = {each.word for each in found.verdicts}
-    written = "report.html, parameters.toml" if IDENTIFIED_VERDICT in words else "report.html"
-    show(found.as_dict(), shown, folder, written)
+    files_written = "report.html, parameters.toml" if IDENTIFIED_VERDICT in words else "report.html"
+    show(found.as_dict(), shown, folder, files_written)
     return int(not words & {IDENTIFIED_VERDICT, PLAIN_VERDICT})
 
 

@@ -89,7 +89,6 @@ class FirstLook:
         gain_std: Its standard deviation.
         delay: Dead time and lag together, s.
         delay_std: Its standard deviation.
-        lag: The part of it that is a lag, as far as this form shows one, s.
         level: m/s^2.
         level_std: Its standard deviation.
         friction: m/s^2.
@@ -110,7 +109,6 @@ class FirstLook:
     gain_std: float
     delay: float
     delay_std: float
-    lag: float
     level: float
     level_std: float
     friction: float
@@ -429,7 +427,6 @@ def _describe_solution(
         gain_std=float(found.stds[0]) / tilt.scale,
         delay=found.delay + found.lag,
         delay_std=max(found.delay_std, grid.step / 2),
-        lag=found.lag,
         level=value["level"],
         level_std=std["level"],
         friction=rub,

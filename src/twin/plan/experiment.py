@@ -26,9 +26,10 @@ EXCITATIONS = ("excite", "circle", "sine")
 """Shipped scenarios that are compared if none is chosen."""
 FAMILY, OWN_FAMILY = "uncertain", "own"
 """Families of what is not known of the thesis's rig, and of any other."""
-PLANNED_SECONDS, DRAWN_RIGS = 40.0, 4
-"""Length of a planned run in s, and number of rigs of the family, unless chosen otherwise."""
-MIN_SECONDS, MAX_SECONDS, MAX_RIGS = 5.0, 600.0, 200
+DRAWN_RIGS, MAX_RIGS = 4, 200
+"""Number of rigs of the family, unless chosen otherwise, and the largest one."""
+MIN_SECONDS, MAX_SECONDS = 5.0, 600.0
+"""Shortest and longest run that can be planned, s."""
 DRAW = 63
 """Number of the draw of the rigs, unless chosen otherwise."""
 FORECAST_HEADINGS = (
@@ -40,6 +41,7 @@ FORECAST_HEADINGS = (
     "largest",
     "identified",
 )
+"""Columns of the table of a forecast."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,14 +95,12 @@ class MotionForecast:
     Attributes:
         scenario: Name or file of the scenario.
         seconds: Its duration.
-        names: The parameters asked for.
         nominal: Forecast on the nominal rig.
         drawn: Forecasts on the rigs of the family.
     """
 
     scenario: str
     seconds: float
-    names: tuple[str, ...]
     nominal: RigForecast
     drawn: tuple[RigForecast, ...]
 
@@ -254,7 +254,6 @@ def forecast_runs(
     return MotionForecast(
         scenario=str(name),
         seconds=seconds,
-        names=names,
         nominal=found[0],
         drawn=tuple(found[1:]),
     )

@@ -30,6 +30,8 @@ RIM_FOLLOWERS = Followers(
     identify="finds end stops in a log by itself",
     symbols="have a ball that meets no wall",
 )
+MAX_BALL_ACCELERATION_M_S2 = 20.0
+"""Acceleration that no ball on a plate exceeds: 1 m/s in 0.05 s."""
 ON_THE_WALL = 1e-9
 """By which share of its distance a ball on a round wall may be short of it."""
 
@@ -99,10 +101,11 @@ class Walls:
     def near(self, ball: Any, time: float) -> Any:
         """Whether balls (x, x', y, y') may meet a wall within a short time in s.
 
-        A ball is taken to gain at most 1 m/s in 0.05 s.
+        A ball is assumed to accelerate at ``MAX_BALL_ACCELERATION_M_S2`` at most.
         """
         x, vx, y, vy = ball
-        way_x, way_y = time * (abs(vx) + 20 * time), time * (abs(vy) + 20 * time)
+        gained = MAX_BALL_ACCELERATION_M_S2 * time
+        way_x, way_y = time * (abs(vx) + gained), time * (abs(vy) + gained)
         return self.met(abs(x) + way_x, abs(y) + way_y)
 
     def rebound(self, step: float, before: Any, after: Any) -> tuple[Any, ...]:
@@ -146,8 +149,7 @@ class Walls:
         total = out + hit
         left = least(2 * depth / where(total > 0, total, 1.0), step)
         away = self._rebound * hit
-        short = left * (away - acceleration / 2 * left)
-        """How far from the wall the ball is, m."""
+        short = left * (away - acceleration / 2 * left)  # distance of the ball from the wall, m
         rests = short <= 0
         place = side * (reach - where(rests, 0.0, short))
         speed = where(rests, 0.0, side * (acceleration * left - away))
