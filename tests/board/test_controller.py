@@ -9,7 +9,6 @@ from click.testing import CliRunner
 
 import ballplate as bp
 from twin.base.errors import LawError
-from twin.board import program as programs
 from twin.cli.runs import compare as compare_command
 from twin.cli.runs import run as run_command
 from twin.devices.akd.decoding import Conversation
