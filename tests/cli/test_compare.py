@@ -186,4 +186,7 @@ def test_each_variant_has_a_folder_of_its_own_however_alike_their_names(ballplat
 def test_variants_of_nothing_are_one_line(ballplate):
     ballplate("run", "hold", *QUICK, "--set", "baseline=false", "--out", "runs/X")
     code, _, err = ballplate("compare", "runs/X", "--with", "A=seed=1")
-    assert (code, err) == (2, "ballplate: --with: nothing to run; name a scenario, as in circle\n")
+    assert (code, err) == (
+        2,
+        "ballplate: --with: nothing to run; name a scenario, such as circle\n",
+    )

@@ -129,7 +129,9 @@ PARAMETERS_HELP = (
     "with --plan the rig.",
     shell_complete=options.rigs,
 )
-@click.option("--ball-height", metavar="M", help="Metres from the plate's axis up to its centre.")
+@click.option(
+    "--ball-height", metavar="M", help="Height of the ball's centre above the plate's axis, m."
+)
 @planning.PLAN
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/identify-LOG].")
 @options.JSON_OPTION
@@ -277,10 +279,10 @@ def shadow(
     if reference is None and len(files) > 1:
         raise ScenarioError(f"{logs[1]}: several logs need --reference LOG0")
     if reference is not None and learn:
-        raise ScenarioError("--learn: not with --reference, whose twin always learns")
+        raise ScenarioError("--learn: not allowed with --reference, whose twin always learns")
     if len(set(names)) < len(names):
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
-        raise ScenarioError(f"{same}: two logs have the same name; give each another")
+        raise ScenarioError(f"{same}: two logs have the same name; rename one")
     first = None if reference is None else log_file(reference)
     from twin.shadow.reference import learn_reference
     from twin.shadow.report import WRITTEN_FILES, examine, sentences
@@ -329,7 +331,7 @@ FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes
 
 @options.command(example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
 @click.argument("run", type=options.PATH_TYPE)
-@click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
+@click.option("--at", type=float, required=True, help="Time at which the future begins, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
 @click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER_HELP)
 @click.option(
@@ -338,7 +340,7 @@ FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes
     type=options.Finite(0.01, 3600),
     default=10.0,
     show_default=True,
-    help="How long it goes on, s.",
+    help="Duration of the future, s.",
 )
 @click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
 @click.option("--on", metavar="RIG", help="On which rig, or a file of identified parameters.")

@@ -104,7 +104,7 @@ class Change(Section):
         for key in self.set:
             if key not in RAMP_KEYS + JUMP_KEYS:
                 return (
-                    f"{key}: cannot change while a plant runs (what can: "
+                    f"{key}: cannot change during a run (allowed: "
                     f"{', '.join(RAMP_KEYS + JUMP_KEYS)})"
                 )
             if self.over and key in JUMP_KEYS:
