@@ -232,10 +232,10 @@ class Parts:
         preload: Tension of the spring at level, N.
         torque: Largest torque of a motor, N m.
         speed: Largest speed of a motor, rad/s.
-        joint_friction: Dry friction of each of the plate's two joints, N m: as wheels and servos
-            give way, lost motion between motor and plate.
-        height: Height of the surface over the axes about which the plate tilts, m; what else the
-            plate on cams weighs stays where it is.
+        joint_friction: Dry friction of each of the plate's two joints, N m; as wheels and servos
+            yield, it causes lost motion between motor and plate.
+        height: Height of the surface above the tilt axes, m; the other masses of the plate on
+            cams stay in their place.
         plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
         level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
         linkage: Cranks and rods in place of cams, wheels and spring.

@@ -43,7 +43,7 @@ class Rim:
     Attributes:
         size: Distances between opposite walls along x and y in m, shape (2,) or (N, 2); 0 for no
             walls. On a round plate the diameter of its rim twice.
-        restitution: Speed of the ball that rolls away from a wall over that towards it.
+        restitution: Speed of the ball after an impact on a wall, relative to the speed before.
 
     Raises:
         ModelError: If a number is out of range.
