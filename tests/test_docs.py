@@ -268,7 +268,6 @@ STAYS = {
     "CONTRIBUTING.md": "its table lists the words",
     "fault-matrix.md": "texts of conditions and of causes, which tables of the program give",
     "safety.md": "names of conditions, which tables of the program give",
-    "settings-followers.md": "reasons that the program gives",
 }
 
 

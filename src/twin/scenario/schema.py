@@ -249,7 +249,7 @@ SHAPE_OF_PLATE = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=GIVEN,
-    explain="compares no builds of a rig",
+    explain="compares runs of one build of the rig",
     identify="fits samples from the screen, whatever its shape",
     symbols="bound the ball by the operating area",
 )
@@ -276,8 +276,8 @@ NUMBER_OF_AXES = dataclasses.replace(
 HELD_NOISE = dataclasses.replace(
     SHAPE_OF_PLATE,
     source=FREE,
-    explain="switches the noise off and not how long a draw of it holds",
-    identify="takes each sample as it came, with noise that it estimates",
+    explain="switches the noise off, not its hold time",
+    identify="takes the samples as recorded and estimates their noise",
     symbols="measure y without errors",
 )
 

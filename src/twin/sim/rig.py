@@ -31,7 +31,7 @@ SERVO_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    identify="has the plate's angles from its encoders, and finds of the drives their lag alone",
+    identify="takes the plate's angles from the encoders and fits only the lag of the drives",
     symbols="have the plate's acceleration as their input",
 )
 POSITION_FOLLOWERS = SERVO_FOLLOWERS.by("position_servo")

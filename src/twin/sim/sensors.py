@@ -123,7 +123,7 @@ ENCODER_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    identify="takes each sample as it came, with noise that it estimates",
+    identify="takes the samples as recorded and estimates their noise",
     symbols="measure y without errors",
 )
 
@@ -196,7 +196,7 @@ FRAME_FOLLOWERS = SCREEN_FOLLOWERS.by("frames")
 DELAY_FOLLOWERS = replace(SCREEN_FOLLOWERS, identify=FREE, symbols=GIVEN)
 SIZE_FOLLOWERS = replace(
     SCREEN_FOLLOWERS,
-    explain="compares no builds of a rig",
+    explain="compares runs of one build of the rig",
     identify="fits samples from the screen, however large it is",
     symbols="bound the ball by the operating area",
 )

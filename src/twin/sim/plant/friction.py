@@ -171,16 +171,14 @@ ROLLING_FOLLOWERS = Followers(
     identify=FREE,
     symbols=FREE,
 )
-DWELL_FOLLOWERS = replace(
-    ROLLING_FOLLOWERS, symbols="have a contact of the settled age of its speed"
-)
+DWELL_FOLLOWERS = replace(ROLLING_FOLLOWERS, symbols="have the contact age of steady rolling")
 PRESLIDING_FOLLOWERS = replace(
     DWELL_FOLLOWERS, identify="stops a ball within one time", symbols="smooth friction over a speed"
 )
 SURFACE_FOLLOWERS = replace(
     ROLLING_FOLLOWERS,
     source=GIVEN,
-    identify="takes patches of the screen as unknown",
+    identify="treats differences along the screen as noise",
     symbols="have an even screen",
 ).by("surface")
 

@@ -26,7 +26,7 @@ RIM_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    explain="compares no builds of a rig",
+    explain="compares runs of one build of the rig",
     identify="finds end stops in a log by itself",
     symbols="have a ball that meets no wall",
 )
