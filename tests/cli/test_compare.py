@@ -162,7 +162,10 @@ def test_a_finished_run_of_a_scenario_s_name_is_called_by_its_folder(ballplate):
             "--with 'step': a scenario of this comparison has this name; give another one",
         ),
         (("--with", "A=sead=1"), "sead: unknown key; did you mean 'seed'?"),
-        (("--with", "A=seed=1", "--vary", "seed=[1,2]"), "--with and --vary: give one of them"),
+        (
+            ("--with", "A=seed=1", "--vary", "seed=[1,2]"),
+            "--with and --vary: give only one of them",
+        ),
     ],
 )
 def test_a_variant_that_cannot_be_named_is_one_line(ballplate, typed, words):

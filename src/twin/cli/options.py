@@ -225,7 +225,9 @@ _COLUMNS_OPTION = click.option(
     metavar="ROLE=NAME:UNIT,...",
     help="Columns of a log of any rig: time, measured_x, measured_y, command_phi, command_theta.",
 )
-_SEPARATOR_OPTION = click.option("--separator", help="Between its columns, as ; or tab [found].")
+_SEPARATOR_OPTION = click.option(
+    "--separator", help="Separator of its columns, such as ; or tab [detected]."
+)
 
 
 def COLUMNS(command: Any) -> Any:  # noqa: N802 - an option, as the others
@@ -306,8 +308,8 @@ LAW_OPTION = click.option(
     expose_value=False,
     is_eager=True,
     callback=_add_laws,
-    help="Load laws, observers and references from a Python file, as of laws/ where it is no "
-    "command that only reads.",
+    help="Load laws, observers and references from a Python file; those in laws/ are loaded "
+    "without it, except by commands that only read.",
 )
 JSON_OPTION = click.option(
     "--json",

@@ -84,7 +84,7 @@ def doctor(
     reset: bool,
     udev: bool,
 ) -> int:
-    """Check everything that a rig needs before it is brought up, and say what to do.
+    """Check everything that a rig needs before its bring-up, and state what to do.
 
     With --move --ball the ball lies at rest in the middle: each axis is tilted, by up to 4 deg,
     until the ball rolls 8 mm, and is tilted back to brake it.
@@ -161,7 +161,7 @@ def request(word: str) -> str:
     "--mechanism",
     type=click.Choice(["plate", "inertia"]),
     default="plate",
-    help="What they turn: the scenario's plate, or an inertia with friction each [plate].",
+    help="Load of the drives: the scenario's plate, or an inertia with friction each [plate].",
 )
 @click.option(
     "--bus",
@@ -177,7 +177,7 @@ def request(word: str) -> str:
     multiple=True,
     help="CANopen node of a drive, once for each drive [1 and 2; with an inertia 1].",
 )
-@click.option("--control", type=options.PATH_TYPE, help="Obey lines of a Unix socket there.")
+@click.option("--control", type=options.PATH_TYPE, help="Unix socket that accepts such lines.")
 @click.option(
     "--eds", type=options.PATH_TYPE, help="Only write the EDS of the cia402 drives there."
 )
@@ -209,10 +209,10 @@ def emulate(
 
     The drives are two AKD on a USB-CAN adapter, also on a pty, unless an option says otherwise.
 
-    It simulates what they turn in real time. Lines that are typed, or sent to the socket of
-    --control, do something to it: sto and release for the STO button, lift and put for the ball,
-    touch X Y (mm) for a finger, unplug and plug for the screen, lag for how far it is behind the
-    clock; faults of drives and frames: an unknown word lists them. Ctrl-C ends it.
+    It simulates what they turn in real time. Typed lines, or lines sent to the socket of
+    --control, act on it: sto and release for the STO button, lift and put for the ball, touch X
+    Y (mm) for a finger, unplug and plug for the screen, lag for how far it is behind the clock;
+    faults of drives and frames: an unknown word lists them. Ctrl-C ends it.
     """
     from contextlib import ExitStack
 
@@ -376,7 +376,7 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option(
     "--eds", type=options.PATH_TYPE, help="EDS file of the drives: what objects are called."
 )
-@click.option("--channel", help="Which channel of the trace [the one with most frames].")
+@click.option("--channel", help="Channel of the trace [the one with most frames].")
 @click.option(
     "--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s, for its load [from --rig]."
 )
@@ -578,7 +578,7 @@ def _turn_plate(
 @options.SETTING
 @options.JSON_OPTION
 def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
-    """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
+    """Turn the plate by a slow triangle and measure what is lost between motor and plate.
 
     Settings are the control period, and those of the virtual rig.
     """

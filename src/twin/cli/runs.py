@@ -75,13 +75,13 @@ def list_scenarios() -> None:
     "faults",
     multiple=True,
     metavar="'SECONDS LINE'",
-    help="With --rig emulated: do this to it then, as '3.0 unplug' or '2 drop 0x080 0.1'; see "
-    "ballplate emulate; repeatable.",
+    help="With --rig emulated: inject a fault at that time, such as '3.0 unplug' or "
+    "'2 drop 0x080 0.1'; see ballplate emulate; repeatable.",
 )
 @click.option(
     "--trace",
     type=options.PATH_TYPE,
-    help="Of a rig: keep the frames of its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
+    help="With --rig: file for the frames of its CAN bus: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
 @options.VIEWING
@@ -257,9 +257,9 @@ def sweep(
 ) -> int:
     """Run a scenario over the values of a key: a table and a curve.
 
-    KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. --vary gives a curve
-    for each value of a second key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
-    kept, in sweep.csv.
+    KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. --vary gives a
+    curve for each value of a second key, as in controller.kind=[afl,lqr]. The indicators of the
+    runs are written to sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
     from twin.scenario.load import parse_variations, swept
@@ -299,7 +299,7 @@ LISTED_KINDS = {"laws": "controller", "observers": "observer", "references": "re
 def describe(name: str) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
-    A word is looked for in the names, then in what they mean. `laws`, `observers` and `references`
+    A word is searched in the names, then in the meanings. `laws`, `observers` and `references`
     list those there are, with one sentence each.
     """
     from twin.scenario.describe import about, find_keys

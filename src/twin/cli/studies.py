@@ -219,7 +219,7 @@ def bench() -> None:
 def list_laws(season: str | None) -> int:
     """List the laws of this project, which are the first entries.
 
-    With the key of a season say the key's fingerprint instead, and as JSON the rigs.
+    With the key of a season print the key's fingerprint instead, with --json also the rigs.
     """
     from twin.lab.bench import Benchmark, rigs_of
 
@@ -251,8 +251,8 @@ def run(
 ) -> int:
     """Run an entry: a law's file, a folder with an entry.toml, or a law of ``bench list``.
 
-    Code of an entry runs in a process of its own that sees measurements and nothing else. Finished
-    runs are kept: an interrupted command goes on where it was. On the rigs of a season the
+    Code of an entry runs in a process of its own that sees measurements and nothing else.
+    Finished runs are kept: an interrupted command continues. On the rigs of a season the
     reference law is run first, once for all entries.
     """
     from twin.lab.bench import Benchmark, rigs_of
@@ -284,9 +284,10 @@ def run(
 def verify(entry: Path | None, season: str | None) -> int:
     """Verify an entry: its scores, and its commands replayed; none of its code is run.
 
-    Replayed are the commands on the first rigs alone; of the others the file of runs is believed.
-    Without one the benchmark itself: its files, and errors of its laws on the first rigs. Exit code
-    1 where anything differs. An entry of a season needs its key, and the reference law is run once.
+    Only the commands on the first rigs are replayed; for the others the file of runs is
+    trusted. Without an ENTRY the benchmark itself is verified: its files, and errors of its
+    laws on the first rigs. Exit code 1 where anything differs. An entry of a season needs its
+    key, and the reference law is run once.
     """
     from twin.lab.bench import Benchmark
 

@@ -125,7 +125,7 @@ PARAMETERS_HELP = (
 @click.option(
     "--on",
     metavar="RIG",
-    help="With --columns: the rig, or file of parameters, that what is found lies over; "
+    help="With --columns: the rig, or file of parameters, that the results are laid over; "
     "with --plan the rig.",
     shell_complete=options.rigs,
 )
@@ -141,11 +141,11 @@ def identify(
     """Fit friction, dead time, drives and level to a recorded run, or to logs of any rig.
 
     LOG is a run folder, a run.parquet, or a log with named columns, preferably recorded with
-    the scenario `excite`; with --columns one or more logs of any rig, with commands in place
-    of plate angles. Of a log with other columns it shows without --columns what the log holds,
-    guesses roles, and prints the command line that would use it (exit code 1). Writes report.html
-    and parameters.toml; exit code 1 if no parameter can be identified. With --plan and no LOG it
-    forecasts what scenarios would tell of a rig, before anything is recorded.
+    the scenario `excite`; with --columns one or more logs of any rig, with commands in place of
+    plate angles. Of a log with other columns it shows without --columns what the log holds,
+    guesses roles, and prints the command line that would use it (exit code 1). Writes
+    report.html and parameters.toml; exit code 1 if no parameter can be identified. With --plan
+    and no LOG it forecasts the results of scenarios before anything is recorded.
     """
     plan = planning.take_plan(logs, held, out, how)
     if how["columns"] is None:
@@ -250,7 +250,7 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
     "--reference",
     type=options.PATH_TYPE,
     metavar="LOG0",
-    help="Identify the rig from this log of it while it was well; the others are judged by that.",
+    help="Identify the rig from this log of its healthy state; the others are evaluated by it.",
 )
 @options.SETTING
 @options.LEARN_OPTION
@@ -266,13 +266,13 @@ def shadow(
     learn: bool,
     **how: Any,
 ) -> int:
-    """Run the twin on a recorded run: is it still right, since when not, and why.
+    """Compare a recorded run with the twin: is it still right, since when not, and why.
 
-    LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands.
-    The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). With --reference it is identified from another
-    log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
-    shadow.json. Exit code 1 after an alarm.
+    LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands. The
+    twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
+    identified ones: it learns then as with --learn). With --reference it is identified from
+    another log of the rig, and several logs are evaluated, each in a folder of its own. Writes
+    shadow.html and shadow.json. Exit code 1 after an alarm.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
     names = [run_name(file) for file in files]
@@ -326,7 +326,7 @@ def shadow(
     return int(any(each.alarms for each in found.values()))
 
 
-FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
+FURTHER_HELP = "A further future, with these changes in addition to --set; repeatable."
 
 
 @options.command(example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
@@ -342,8 +342,10 @@ FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes
     show_default=True,
     help="Duration of the future, s.",
 )
-@click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
-@click.option("--on", metavar="RIG", help="On which rig, or a file of identified parameters.")
+@click.option("--scenario", help="Scenario of a log that does not state it: a name or a TOML file.")
+@click.option(
+    "--on", metavar="RIG", help="Rig of the log: a name, or a file of identified parameters."
+)
 @options.COLUMNS
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/whatif-RUN].")
 @options.JSON_OPTION

@@ -461,7 +461,7 @@ class _OwnDriver:
             raise TypeError(f"measure must give a time, and two finite angles or none: {reading}")
         if (ahead := reading.at - self.now()) > self._silent:
             raise TypeError(
-                f"Reading.at is {ahead:.3g} s in the future: give self.time() of its arrival"
+                f"Reading.at is {ahead:.3g} s ahead of time(): give self.time() of its arrival"
             )
         return reading
 
