@@ -212,7 +212,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
         f"{_size(run, found)}.",
     ]
     if found.held:
-        share = f"{found.held:.1%} of the whole run's time"
+        share = f"{100 * found.held:.1f} % of the whole run's time"
         sentences.append(f"Friction held the ball at rest {share} (shaded).")
     sentences += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
     if (off := found.estimation) is not None and off >= MIN_REPORTED_DISTANCE_M:
@@ -285,7 +285,8 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
         if found.rms > SMALL_ERROR_M:
             facts.append(
                 f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
-                f"{abs(1 - found.gain):.1%} {size}, without which {_mm(found.rest)} would be left"
+                f"{100 * abs(1 - found.gain):.1f} % {size}; apart from these two the error is "
+                f"{_mm(found.rest)}"
             )
     elif (
         found.lag is None
@@ -304,17 +305,20 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
         facts.insert(0, "the plate was never moved: limits left nothing of any command")
     if found.cut is not None and found.cut > MIN_CUT_SHARE:
         facts.append(
-            f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
+            f"a limit of rate, acceleration or angle cut the effort {100 * found.cut:.1f} % "
+            "of the time"
         )
     limit = run.scenario.rig.limits.angle_deg
     if found.angle > LIMIT_SHARE:
         facts.append(f"the plate reached its angle limit of {limit:g} deg")
     if found.cut is not None and found.cut <= MIN_CUT_SHARE and found.angle <= LIMIT_SHARE:
-        facts.append(f"{NO_LIMIT_TEXT}, of the plate's {limit:g} deg {found.angle:.0%} were used")
+        facts.append(
+            f"{NO_LIMIT_TEXT}, of the plate's {limit:g} deg {100 * found.angle:.0f} % were used"
+        )
     if found.lifted:
-        facts.append(f"a wheel left its cam {found.lifted:.1%} of the time")
+        facts.append(f"a wheel left its cam {100 * found.lifted:.1f} % of the time")
     if found.untouched:
-        facts.append(f"no ball was detected {found.untouched:.1%} of the time")
+        facts.append(f"no ball was detected {100 * found.untouched:.1f} % of the time")
     return facts or [NO_LIMIT_TEXT]
 
 
@@ -326,7 +330,7 @@ def _describe_shaped_reference(run: Run) -> list[str]:
     away = np.nanmax(np.hypot(*(laid - run.followed(time)[0]).T))
     seconds = np.isfinite(laid[:, 0]).mean() * (time[-1] - time[0])
     return [
-        f"the plate cannot give this reference: the path laid instead was up to {_mm(away)} away "
+        f"the plate cannot give this reference: the planned path was up to {_mm(away)} away "
         f"from it, for {seconds:.3g} s in all"
     ]
 
