@@ -89,7 +89,7 @@ def test_cut_effort_is_counted_and_told():
     requested[:2500] = 9.0
     cut = made(reference, requested_phi_acc=requested)
     assert Diagnosis.of(cut).cut == pytest.approx(0.25)
-    assert any("cut the effort 25.0 %" in line for line in summary(cut, Diagnosis.of(cut)))
+    assert any("cut the effort 25.0%" in line for line in summary(cut, Diagnosis.of(cut)))
     assert any("No limit was in the way" in line for line in summary(some, Diagnosis.of(some)))
 
 
@@ -121,7 +121,7 @@ def test_a_ball_stuck_by_friction_is_called_stuck():
 def test_how_long_friction_held_the_ball_is_told():
     moving = np.where(np.arange(10000) < 3000, 0.0, 0.02)
     held = made(rest, true_x_rate=moving)
-    assert any("at rest 30.0 % of the whole" in line for line in summary(held, Diagnosis.of(held)))
+    assert any("at rest 30.0% of the whole" in line for line in summary(held, Diagnosis.of(held)))
     smooth = {**TABLES, "plant": {"kind": "lagrange", "friction": {"rolling_mm": 0.0}}}
     freed = {**TABLES, "change": [{"at": 5.0, "set": {"plant.friction.rolling_mm": 0.0}}]}
     for tables in (smooth, freed):  # without friction a ball may rest, too

@@ -54,7 +54,7 @@ def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
             help="With --plan: a motion to forecast [excite, circle, sine].",
         ),
         click.option("--seconds", type=float, help="With --plan: length of the run [40]."),
-        click.option("--plan", is_flag=True, help="Forecast the result of a run; takes no LOG."),
+        click.option("--plan", is_flag=True, help="Forecast what a run would show; takes no LOG."),
     ):
         command = option(command)
     return command

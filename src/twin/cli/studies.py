@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @click.option(
     "--engine", type=click.Choice(("python", "c")), help="Simulate in Python or in compiled C."
 )
-@click.option("--plan", is_flag=True, help="Print the number of runs and run none.")
+@click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
 @options.PROCESSES_OPTION
 @options.SCHEDULER_OPTION
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/study-NAME].")

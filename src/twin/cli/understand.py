@@ -268,11 +268,11 @@ def shadow(
 ) -> int:
     """Compare a recorded run with the twin: is it still right, since when not, and why.
 
-    LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands. The
-    twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). With --reference it is identified from
-    another log of the rig, and several logs are evaluated, each in a folder of its own. Writes
-    shadow.html and shadow.json. Exit code 1 after an alarm.
+    LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands.
+    The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
+    identified ones: it learns then as with --learn). With --reference it is identified from another
+    log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
+    shadow.json. Exit code 1 after an alarm.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
     names = [run_name(file) for file in files]

@@ -169,7 +169,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
     try:
         rig = _rig(metadata)
     except (AttributeError, TypeError, ValueError):
-        raise LogError(f"{source}: its metadata does not describe a run") from None
+        raise LogError(f"{source}: its metadata is not of a run") from None
     return Log(
         source=source,
         time=time,

@@ -43,9 +43,7 @@ def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
     """
     name = file.stem
     if not NAME_PATTERN.fullmatch(name) or name in RESERVED_NAMES:
-        raise RecordError(
-            f"{file}: the name must be a C identifier (a-z, 0-9 and _) and no keyword"
-        )
+        raise RecordError(f"{file}: names in C begin with the name: a-z, 0-9 and _, no keyword")
     texts = sources(name, control_of(scenario), real)
     run = reference_run(scenario, scenario.duration)
     texts["reference_run.csv"] = run.to_csv(index=False, lineterminator="\n")

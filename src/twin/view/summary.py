@@ -212,7 +212,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
         f"{_size(run, found)}.",
     ]
     if found.held:
-        share = f"{100 * found.held:.1f} % of the whole run's time"
+        share = f"{found.held:.1%} of the whole run's time"
         sentences.append(f"Friction held the ball at rest {share} (shaded).")
     sentences += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
     if (off := found.estimation) is not None and off >= MIN_REPORTED_DISTANCE_M:
@@ -305,20 +305,17 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
         facts.insert(0, "the plate was never moved: limits left nothing of any command")
     if found.cut is not None and found.cut > MIN_CUT_SHARE:
         facts.append(
-            f"a limit of rate, acceleration or angle cut the effort {100 * found.cut:.1f} % "
-            "of the time"
+            f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
         )
     limit = run.scenario.rig.limits.angle_deg
     if found.angle > LIMIT_SHARE:
         facts.append(f"the plate reached its angle limit of {limit:g} deg")
     if found.cut is not None and found.cut <= MIN_CUT_SHARE and found.angle <= LIMIT_SHARE:
-        facts.append(
-            f"{NO_LIMIT_TEXT}, of the plate's {limit:g} deg {100 * found.angle:.0f} % were used"
-        )
+        facts.append(f"{NO_LIMIT_TEXT}, of the plate's {limit:g} deg {found.angle:.0%} were used")
     if found.lifted:
-        facts.append(f"a wheel left its cam {100 * found.lifted:.1f} % of the time")
+        facts.append(f"a wheel left its cam {found.lifted:.1%} of the time")
     if found.untouched:
-        facts.append(f"no ball was detected {100 * found.untouched:.1f} % of the time")
+        facts.append(f"no ball was detected {found.untouched:.1%} of the time")
     return facts or [NO_LIMIT_TEXT]
 
 
