@@ -142,7 +142,7 @@ def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
                 panel.step([LEAST, *its], [0, *share], where="post", label=law, **own)
             panel.set(title=task.name, xscale="log", xlim=(LEAST, bench.about.most), ylim=(0, 100))
         for panel in panels[3:]:
-            panel.set_xlabel(f"error beside {bench.about.reference}, same rig and noise")
+            panel.set_xlabel(f"error relative to {bench.about.reference}, same rig and noise")
         figure.supylabel("share of runs [%]")
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=6)

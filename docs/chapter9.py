@@ -235,7 +235,7 @@ def draw(path: Path, cells: list[Row]) -> None:
         number = pair[line]
         of = partial(errors, cells, [number])
         band: dict[str, Any] = {"color": PREDICTED, "alpha": 0.2, "lw": 0}
-        band["label"] = "its 95 % interval of friction"
+        band["label"] = "95 % interval of the friction"
         ax.fill_between(omega, of("low"), of("high"), **band)
         for key, (marks, colour, size, words) in SERIES.items():
             ax.plot(omega, of(key), marks, color=colour, ms=size, label=words)

@@ -141,6 +141,7 @@ def points(
     x = np.array([beyond if value is None else value for value in found])
     face = "tab:blue" if full else "none"
     look: dict[str, Any] = {"facecolors": face, "edgecolors": "tab:blue", "label": words[0]}
+    look |= {"zorder": 3}  # above the lines of the grid
     axis.scatter(x[~gone], rows[~gone], s=30, **look)
     axis.scatter(
         x[gone], rows[gone], s=40 if large else 15, marker="x", c="tab:red", label=words[1]

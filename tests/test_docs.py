@@ -41,8 +41,8 @@ WRITTEN = {
     "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "one-axis.md", "own-rig.md",
     "python.md",
     "rig-in-ten-steps.md", "run.md", "see.md", "simulink.md", "solvers.md", "studies.md",
-    "thesis.md", "tune.md", "tutorial.md", "version-0.1.0.md", "whatif.md", "wire.md",
-    "your-rig.md",
+    "thesis.md", "troubleshooting.md", "tune.md", "tutorial.md", "version-0.1.0.md", "whatif.md",
+    "wire.md", "your-rig.md",
 }  # fmt: skip
 """Pages without a template that nothing makes."""
 SMOOTH = "plant.friction.rolling_mm=0"
@@ -268,7 +268,6 @@ STAYS = {
     "CONTRIBUTING.md": "its table lists the words",
     "fault-matrix.md": "texts of conditions and of causes, which tables of the program give",
     "safety.md": "names of conditions, which tables of the program give",
-    "settings-followers.md": "reasons that the program gives",
 }
 
 
@@ -283,6 +282,19 @@ def test_words_that_have_a_plain_one_stand_on_no_page_without_a_reason():
     pages = {page.name: RETURNING.findall(written_words(page)) for page in PAGES}
     assert {name: found for name, found in pages.items() if found and name not in STAYS} == {}
     assert STAYS.keys() <= {name for name, found in pages.items() if found}
+
+
+def test_messages_and_options_of_the_page_of_problems_are_those_of_the_program():
+    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+    sources = "\n".join(
+        path.read_text(encoding="utf-8") for path in (ROOT / "src" / "twin").rglob("*.py")
+    )
+    messages = re.findall(r"(?<!\*)\*([a-z][^*]+)\*(?!\*)", page)
+    options = re.findall(r"--[a-z]+", page)
+    assert len(messages) > 4
+    assert len(options) > 4
+    assert [each for each in messages if each not in sources] == []
+    assert [each for each in options if f'"{each}' not in sources and each != "--extra"] == []
 
 
 def test_every_note_of_a_change_becomes_a_part_of_the_changelog():

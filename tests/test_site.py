@@ -27,11 +27,11 @@ def test_the_menu_has_eight_entries_each_a_page_of_a_list():
     assert "[Every command](reference-commands.md)" in pages["reference.md"]
 
 
-def test_the_start_page_has_the_picture_two_commands_and_six_doors_and_no_list():
+def test_the_start_page_has_two_films_two_commands_and_six_doors_and_no_list():
     start = build.sections(INDEX)["index.md"]
-    assert start.count("(circle.webp)") == 1
+    assert start.count("(circle.webp)") == start.count("(mechanism.webp)") == 1
     assert sum(" ballplate " in line for line in start.splitlines()) == 2
-    assert start.count("- **[") == start.count("](") - 1 == 6
+    assert start.count("- **[") == start.count("](") - 2 == 6
     assert "\n## " not in start
 
 

@@ -46,7 +46,7 @@ class Changes(TypedDict, total=False):
     title: str
     """Title in tables and pictures."""
     duration: float
-    """How long it runs, in s."""
+    """Duration of the run, in s."""
     seed: int
     """Seed of the noise."""
     baseline: bool

@@ -260,7 +260,7 @@ def compare(
     check_processes(processes, report)
     if vary and not names:
         what = report.name_of("vary")
-        raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
+        raise ScenarioError(f"{what}: nothing to run; name a scenario, such as circle")
     for name in names:
         find(name)  # a wrong name is reported before anything heavy is imported
     from ballplate.results import Result
@@ -271,9 +271,7 @@ def compare(
     chosen = variants_of(variants, names, report) if variants else {}
     if chosen and varied:
         what = " and ".join(map(report.name_of, ("variants", "vary")))
-        raise ScenarioError(
-            f"{what}: give one of them; the names of variants hold for one run each"
-        )
+        raise ScenarioError(f"{what}: give only one of them")
     found = open_runs(folders, tell=report.warn) if folders else []
     results = _results_among(sources)
     opened = [*map(Result.from_run, found), *results]
@@ -361,7 +359,7 @@ def _run_cases(
     except KeyboardInterrupt:
         if not runs:
             raise
-        reporter.warn("interrupted: what had not ended is not in the table")
+        reporter.warn("interrupted: unfinished runs are not in the table")
     if failed and needed and not runs:
         raise failed[0]
     return {label: runs[label] for label in cases if label in runs}
@@ -401,11 +399,11 @@ def runs_of_logs(
     fitted: list[KeyChange] = []
     columns, separator = columns_and_separator
     if columns is not None and not logs:
-        raise ScenarioError("columns: are of a log; name one, as in run.csv")
+        raise ScenarioError("columns: describe a log; name one, such as run.csv")
     for path in logs:
         if not (names or finished):
             raise ScenarioError(
-                f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
+                f"{path}: a log has no reference; name the scenario that was recorded, as in: "
                 f"ballplate compare {path} circle"
             )
         scenario = scenario_of(names[0], base, titled=False) if names else finished[0].scenario
@@ -485,7 +483,7 @@ def variants_of(
     """
     what = reporter.name_of("variants")
     if not names:
-        raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
+        raise ScenarioError(f"{what}: nothing to run; name a scenario, such as circle")
     given_names = [variants] if isinstance(variants, str) else variants
     if not isinstance(given_names, Mapping | Sequence) or not all(
         isinstance(each, str) for each in given_names

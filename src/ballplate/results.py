@@ -397,13 +397,13 @@ def identify(
     from twin.identify.twin_model import identify_twin
 
     if alone := "on" if on else "ball_height" if heights else "":
-        raise ScenarioError(f"{alone}: with columns only; a run knows its rig")
+        raise ScenarioError(f"{alone}: needs columns; a run states its rig")
     if not isinstance(log, str | Path | Result):
         log, *others = log
         if others:
-            raise ScenarioError("log: give one; several are taken with columns only")
+            raise ScenarioError("log: give one; several logs need columns")
     if not isinstance(hold_out, float | int):
-        raise ScenarioError("hold_out: must be 0 to 0.8; a second log is taken with columns only")
+        raise ScenarioError("hold_out: must be 0 to 0.8; a second log needs columns")
     wanted_names = choose_parameters(",".join(names) or None)
     recorded = _read_recorded(log)
     if factor is not None:
@@ -414,7 +414,7 @@ def identify(
 
 def _paths(logs: str | Path | Result | Sequence[str | Path]) -> list[Path]:
     if isinstance(logs, Result):
-        raise ScenarioError("columns: are of a file, not of a result")
+        raise ScenarioError("columns: describe a file, not a result")
     return [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
 
 

@@ -145,7 +145,9 @@ class Rig:
             TwinError: If the rig is not entered, the run is over, or a shape is wrong.
         """
         if not hasattr(self, "_begin") or self._ended is not None:
-            raise TwinError("a rig is stepped within its context: with ballplate.rig(...) as rig:")
+            raise TwinError(
+                "a rig must be stepped inside its with block: with ballplate.rig(...) as rig:"
+            )
         if self.done:
             raise TwinError(f"the run of {self.scenarios[0].duration:g} s is over; see rig.done")
         count = len(self.scenarios)
@@ -192,7 +194,7 @@ class Rig:
             TwinError: If the context is not left yet, or there is no such rig.
         """
         if self._ended is None:
-            raise TwinError("a rig has a result when its context is left")
+            raise TwinError("the result is available after the with block of the rig")
         if rig not in range(len(self.scenarios)):
             raise TwinError(f"rig: must be 0 to {len(self.scenarios) - 1}, got {rig!r}")
 

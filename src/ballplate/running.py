@@ -206,7 +206,7 @@ def trace_file(
     if on is None:
         if trace is not None:
             what, needed = reporter.name_of("trace"), reporter.name_of("on")
-            raise ScenarioError(f"{what}: a simulated rig has no bus; it needs {needed}")
+            raise ScenarioError(f"{what}: a simulated rig has no bus; add {needed}")
         return None
     from twin.devices.akd import TRACE_FILE
     from twin.devices.akd.traces import check_ending
@@ -486,12 +486,12 @@ def open_rig(
     if texts and on != EMULATED_RIG:
         what = reporter.name_of("faults") if faults else "[[fault]]"
         raise ScenarioError(
-            f"{what}: only the virtual rig has faults on demand; it needs {name} {EMULATED_RIG}"
+            f"{what}: only the virtual rig can inject faults; add {name} {EMULATED_RIG}"
         )
     if on is None:
         if reset:
             what = reporter.name_of("reset")
-            raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
+            raise ScenarioError(f"{what}: a simulated rig has no faults to reset; add {name}")
         yield None, scenario
         return
     from twin.run.assemble import assumed_transmission, build_reference
@@ -503,16 +503,16 @@ def open_rig(
         what = reporter.name_of("faults") if faults else "[[fault]]"
         planned = plan_faults(texts, scenario.duration, what)
     if scenario.sensors.ideal:
-        raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
-    if scenario.change:
         raise ScenarioError(
-            f"{name} {on}: [[change]] changes a simulated rig, none on a wire; leave it out"
+            f"{name}: a rig does not measure its full state; set sensors.ideal=false"
         )
+    if scenario.change:
+        raise ScenarioError(f"{name} {on}: [[change]] works on a simulated rig only; remove it")
     if on != EMULATED_RIG:
         for key in keys:
             if key.startswith(SIMULATION_ONLY):
                 raise ScenarioError(
-                    f"{name} {on}: {key} describes a simulated rig and changes nothing of a real "
+                    f"{name} {on}: {key} describes a simulated rig and has no effect on a real "
                     "one; leave it out, or set what the rig has in its file"
                 )
     else:

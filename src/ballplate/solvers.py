@@ -211,7 +211,7 @@ def symbolic(
     xdot = ca.vertcat(*_rates(ca, *parts, ball, width, about))
     for name, symbol in symbol_of.items():
         if not ca.depends_on(xdot, symbol):
-            raise ModelError(f"{name}: is to be a symbol, and no equation has it")
+            raise ModelError(f"{name}: no equation contains it, so it cannot be a symbol")
     f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
     held = ca.vertcat(u, p)
     after = ca.simpleRK(ca.Function("rate", [x, held], [xdot]), 1, 4)(x, held, period)

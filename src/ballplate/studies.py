@@ -236,7 +236,7 @@ def sweep(
 
     base, varied = changes_of(settings, changes), varied_of(vary)
     if not varied:
-        raise ScenarioError("vary: name at least one key")
+        raise ScenarioError("vary: give at least one key")
     report = reporter or default()
     check_processes(processes, report)
     title = scenario_of(scenario, base, titled=False).title

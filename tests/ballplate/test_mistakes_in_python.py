@@ -64,8 +64,8 @@ CALLS = {
     "5": [lambda: bp.run("circle", [5])],
     "must be a number": [lambda: bp.run("hold", {"duration": object()})],
     "out /proc/nowhere: cannot be": [lambda: bp.run("hold", out="/proc/nowhere")],
-    "reset: a simulated rig .* needs on": [lambda: bp.run("hold", reset=True)],
-    r"on (emulated|rig\.toml): \[\[change\]\] .* none on a wire": [
+    "reset: a simulated rig .* add on": [lambda: bp.run("hold", reset=True)],
+    r"on (emulated|rig\.toml): \[\[change\]\] works on a simulated rig only": [
         lambda on=on: bp.run("circle", {"change": CHANGES}, on=on)
         for on in ("emulated", "rig.toml")
     ],
@@ -106,7 +106,9 @@ CALLS = {
     "name at least one": [lambda: bp.rig([])],
     "has no linearisation": [lambda: bp.systems.law("circle", controller="sliding_mode")],
     "systems.law is the law with": [lambda: bp.systems.controller("circle", **IDEAL)],
-    "by its attitude": [lambda: bp.systems.mechanism("circle", plant={"ball": {"oval_mm": 0.1}})],
+    "depends on its orientation": [
+        lambda: bp.systems.mechanism("circle", plant={"ball": {"oval_mm": 0.1}})
+    ],
     "hold: must divide the 5000 control periods": [env(hold=7), env(hold=2.5)],
     "rate: must be more than 0": [env(rate=0.0), env(rate="x")],
     "preview: must be times": [env(preview=(-1.0,))],

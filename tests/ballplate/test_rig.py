@@ -60,14 +60,14 @@ def test_a_ball_that_falls_ends_its_rig():
 
 def test_out_of_its_context_and_after_its_end_a_rig_is_not_stepped(tmp_path):
     rig = ballplate.rig("hold", plant={"kind": "lagrange"}, duration=0.004, metrics={"start": 0})
-    with pytest.raises(ballplate.TwinError, match="within its context"):
+    with pytest.raises(ballplate.TwinError, match="inside its with block"):
         rig.step([0, 0])
     with rig:
         while not rig.done:
             rig.step([0, 0])
         with pytest.raises(ballplate.TwinError, match="is over"):
             rig.step([0, 0])
-        with pytest.raises(ballplate.TwinError, match="when its context is left"):
+        with pytest.raises(ballplate.TwinError, match="after the with block"):
             rig.result()
     assert rig.result().finished
     assert ballplate.load(rig.result().save(tmp_path)).finished

@@ -314,7 +314,7 @@ def test_faults_of_a_scenario_are_refused_where_nothing_can_have_them(tmp_path):
         'points = [[0.0, 0.0, 0.0]]\n[[fault]]\nat = 1.0\nname = "sync lost"\n'
     )
     for attempt in (ballplate.run, ballplate.compare):
-        with pytest.raises(ballplate.TwinError, match=r"\[\[fault\]\]: only the virtual rig has"):
+        with pytest.raises(ballplate.TwinError, match=r"\[\[fault\]\]: only the virtual rig can"):
             attempt(faulty)
     with pytest.raises(ballplate.TwinError, match=r"fault\.0\.name"):
         ballplate.run(faulty, ["fault=[{at=1.0}]"])

@@ -119,7 +119,7 @@ def test_a_spin_is_a_state_where_it_is_asked_for_and_free():
     level = jacobian(np.zeros(9), np.zeros(2), numbers(model, rolling=0.0)).full()
     assert not level[8].any()
     assert not level[:, 8].any()
-    with pytest.raises(bp.TwinError, match="spin: is a state of a ball that spins freely only"):
+    with pytest.raises(bp.TwinError, match=r"spin: needs plant\.ball_spin 'free'"):
         bp.symbolic("circle", plant={"kind": "lagrange", "ball_spin": "locked"}, spin=True)
 
 

@@ -239,5 +239,5 @@ def test_the_exact_plant_and_the_equations_have_the_spin_of_the_scenario(ball_sp
 
 def test_a_spin_that_is_not_free_is_no_state():
     locked = {"kind": "lagrange", "ball_spin": "locked"}
-    with pytest.raises(bp.TwinError, match="spin: is a state of a ball that spins freely only"):
+    with pytest.raises(bp.TwinError, match=r"spin: needs plant\.ball_spin 'free'"):
         bp.systems.equations("hold", spin=True, plant=locked)

@@ -120,7 +120,7 @@ def test_rigs_side_by_side_have_a_program_each(tmp_path):
     assert [one["instructions_max"] for one in found] == [1000] * 3
     mixed = [each[0], each[0].model_copy(update={"board": None})]
     assert alike(mixed[0]) != alike(mixed[1])
-    with pytest.raises(bp.TwinError, match="board: rigs that run side by side all have one"):
+    with pytest.raises(bp.TwinError, match="board: either all rigs of a batch"):
         simulate(mixed)
 
 
@@ -141,7 +141,7 @@ def test_a_difference_is_stated_up_to_where_the_supervisor_levels_the_plate():
     ("act", "words"),
     [
         ("rest()", "gave no answer within 0.3 s"),
-        ("say(b'ready')", "said 'ready' where a frame begins"),
+        ("say(b'ready')", "sent 'ready', but a frame begins"),
         ("sys.exit(3)", "its process ended, exit status 3"),
     ],
 )
@@ -217,7 +217,7 @@ def test_an_emulator_that_is_not_there_is_named_with_its_package(tmp_path, monke
 
 
 def test_a_clock_needs_a_program_that_counts(tmp_path):
-    with pytest.raises(bp.TwinError, match=r"board.clock_hz: .* counts no instructions; leave it"):
+    with pytest.raises(bp.TwinError, match=r"board.clock_hz: .* counts no instructions; remove"):
         run(program(tmp_path, instructions="0.0"), board__clock_hz=1e6)
 
 
@@ -229,7 +229,7 @@ def test_a_program_cannot_be_put_back_into_a_state(tmp_path):
         kept = Snapshot.take(rig, controller, measurement)
         with pytest.raises(SnapshotError, match="cannot be put back into") as error:
             restore(controller, kept.controller)
-    assert str(error.value).count("the snapshot is not of such a rig") == 1
+    assert str(error.value).count("the snapshot belongs to another kind of rig") == 1
 
 
 @pytest.mark.long

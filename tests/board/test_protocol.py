@@ -44,13 +44,13 @@ def test_any_bit_that_is_wrong_is_noticed():
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        (b"ready\n", r"said 'ready\\n' where a frame begins with 0xb5"),
-        (b"\xff" * 99, r"said '(\\\\xff){40}' where a frame begins"),
-        (encode(6, CONTENT), "said frame 6 where 7 was due"),
-        (encode(7, CONTENT[:2]), "said a frame of 16 bytes, which must have 24"),
+        (b"ready\n", r"sent 'ready\\n', but a frame begins with 0xb5"),
+        (b"\xff" * 99, r"sent '(\\\\xff){40}', but a frame begins"),
+        (encode(6, CONTENT), "sent frame 6 instead of 7"),
+        (encode(7, CONTENT[:2]), "sent a frame of 16 bytes instead of 24"),
         (encode(7, CONTENT)[:-1] + b"?", "with the check sum 0x"),
-        (encode(7, CONTENT) + b"ok", "said 2 bytes more than the one frame that was due"),
-        (2 * encode(7, CONTENT), "said 30 bytes more"),
+        (encode(7, CONTENT) + b"ok", "sent 2 bytes more than one frame"),
+        (2 * encode(7, CONTENT), "sent 30 bytes more"),
     ],
 )
 def test_what_is_no_frame_is_one_line(said, words):
@@ -77,9 +77,9 @@ def test_an_answer_has_its_parts_in_order():
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"_0": np.nan}, r"gave \[nan, 1.0, .*\], which are not all numbers"),
+        ({"_0": np.nan}, r"sent \[nan, 1.0, .*\], which are not all numbers"),
         ({"_7": np.inf}, "which are not all numbers"),
-        ({"_12": 0}, r"its law's request was no number \(valid = 0\)"),
+        ({"_12": 0}, r"its law's request is not a number \(valid = 0\)"),
         ({"_13": -1}, "counted -1 instructions"),
     ],
 )

@@ -162,7 +162,10 @@ def test_a_finished_run_of_a_scenario_s_name_is_called_by_its_folder(ballplate):
             "--with 'step': a scenario of this comparison has this name; give another one",
         ),
         (("--with", "A=sead=1"), "sead: unknown key; did you mean 'seed'?"),
-        (("--with", "A=seed=1", "--vary", "seed=[1,2]"), "--with and --vary: give one of them"),
+        (
+            ("--with", "A=seed=1", "--vary", "seed=[1,2]"),
+            "--with and --vary: give only one of them",
+        ),
     ],
 )
 def test_a_variant_that_cannot_be_named_is_one_line(ballplate, typed, words):
@@ -186,4 +189,7 @@ def test_each_variant_has_a_folder_of_its_own_however_alike_their_names(ballplat
 def test_variants_of_nothing_are_one_line(ballplate):
     ballplate("run", "hold", *QUICK, "--set", "baseline=false", "--out", "runs/X")
     code, _, err = ballplate("compare", "runs/X", "--with", "A=seed=1")
-    assert (code, err) == (2, "ballplate: --with: nothing to run; name a scenario, as in circle\n")
+    assert (code, err) == (
+        2,
+        "ballplate: --with: nothing to run; name a scenario, such as circle\n",
+    )

@@ -39,12 +39,12 @@ CIRCLE = {
     "controller.computing_time=-1": "must be greater than or equal to 0 or 'measured'",
     "parameters=hoby": "rig 'hoby': not found; did you mean 'hobby'?",
     "rig.limits.angle_deg=20": "the cams reach 10; set plant.kind=lagrange",
-    "reference.omega=1e-300": "no finite number",
+    "reference.omega=1e-300": "is not finite at some time",
 }
 """What is changed of the circle to what is told."""
 CHANGES = {
-    "plant.ball.radius=0.03": "plant.ball.radius: cannot change while",
-    "duration=3": "duration: cannot change while a plant runs",
+    "plant.ball.radius=0.03": "plant.ball.radius: cannot change during",
+    "duration=3": "duration: cannot change during a run",
     "controller.kind=pod": "no 'pod'",
     "plant.friction.rolling_mm=-1": "must be greater than or equal",
 }
@@ -109,7 +109,7 @@ LINES = {
     "run hold --law twice.py": "the name 'afl' is taken by",
     "whatif made --at 9": "--at 9: made/run.parquet goes from 0 to 0.098 s",
     "whatif made --at -1": "--at -1: made/run.parquet goes from 0 to",
-    "whatif made --at 0.05 --scenario circle": "states itself what ran",
+    "whatif made --at 0.05 --scenario circle": "is a record, which states what ran",
     "whatif log.csv --at 0.1": "give --scenario NAME",
     **{f"run circle --set {change}": words for change, words in CIRCLE.items()},
     **{f"whatif made --at 0.05 --set {change}": words for change, words in CHANGES.items()},
@@ -118,7 +118,7 @@ LINES = {
     "run circle --set plant.friction.rolling_mm=0.18mm": '"0.18mm"; write it without',
     "run circle --set controller.gains=5": "controller.gains: must be a list, got 5",
     "run circle --set controller.gains=[1,2,3": '"[1,2,3"; is a bracket missing',
-    "run hold --set fault=[{at=1.0,name='x'}]": "[[fault]]: only the virtual rig has faults",
+    "run hold --set fault=[{at=1.0,name='x'}]": "[[fault]]: only the virtual rig can inject faults",
     "doctor --rig rig.toml --ball": "--ball: tilts the plate until the ball rolls; it needs --move",
     "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
@@ -189,7 +189,7 @@ def test_a_moment_that_is_no_number_is_one_line(ballplate, tmp_path, number):
     record_run(done, tmp_path / "r")
     code, _, errors = ballplate("whatif", str(tmp_path / "r"), "--at", number)
     assert code == 2
-    assert "is no moment" in errors
+    assert "must be a finite time" in errors
 
 
 @pytest.mark.usefixtures("own_laws")
@@ -209,7 +209,10 @@ def test_an_error_in_a_law_of_one_s_own_is_one_line_with_its_place(ballplate, tm
     [
         (("--out", "."), "--out .: is a folder; give a file, as in sheet.csv"),
         (("--out", "/proc/none/sheet.csv"), "--out /proc/none: cannot be written"),
-        (("--list", "--out", "sheet.csv"), "--out: not with --list, which runs no fault"),
+        (
+            ("--list", "--out", "sheet.csv"),
+            "--out: not allowed with --list, which injects no fault",
+        ),
     ],
 )
 def test_a_sheet_that_cannot_be_written_is_refused_before_any_fault(

@@ -117,5 +117,5 @@ def test_faults_on_demand_need_the_virtual_rig(ballplate):
     code, _, err = ballplate("run", "hold", "--fault", "1 sto")
     assert (code, err) == (
         2,
-        "ballplate: --fault: only the virtual rig has faults on demand; it needs --rig emulated\n",
+        "ballplate: --fault: only the virtual rig can inject faults; add --rig emulated\n",
     )

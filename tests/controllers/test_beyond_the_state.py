@@ -98,7 +98,7 @@ def test_the_dead_time_goes_to_one_alone():
     assert isinstance(thesis, Smith)
     assert thesis.delay == 0.042
     assert build_controller(clean(cure)).observer.delay == 0.0
-    with pytest.raises(ScenarioError, match=r"predictor\.kind: .* makes up for the dead time"):
+    with pytest.raises(ScenarioError, match=r"predictor\.kind: .* compensates the dead time"):
         build_controller(load("cure", ['predictor.kind="smith"']))
     with pytest.raises(ScenarioError, match=r"observer\.delay: unknown key"):
         load("cure", ["observer.delay=0.01"])

@@ -36,7 +36,7 @@ def rig(**tables):
         ({"drives": {"silence": 0.0}}, "drives.silence"),
         ({"drives": {"watch": {"stale": 300}}}, "drives.watch.stale = 300: must be 2 to 250"),
         ({"drives": {"watch": {"lag": 50.0}}}, "drives.watch.lag = 50.0"),
-        ({"drives": {"rate_limit": 2.0, "watch": {"lag": 2.0}}}, "would follow"),
+        ({"drives": {"rate_limit": 2.0, "watch": {"lag": 2.0}}}, "counts as following"),
         ({"drives": {"rate_limit": 100.0}}, "drives.rate_limit = 100.0: must be 1 to 20"),
         ({"drives": {"torque_limit": 0.0}}, "drives.torque_limit = 0.0"),
         ({"drives": {"torque_limit": -1.0}}, "drives.torque_limit = -1.0"),

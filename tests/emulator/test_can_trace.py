@@ -128,8 +128,8 @@ def test_angles_and_rates_of_the_record_come_back_within_a_count(wired, said):
     ("name", "rows", "words"),
     [
         ("none.csv", None, "--touch none.csv: cannot be read: No such file"),
-        ("back.csv", "2,1,1\n1,1,1\n", "back.csv: time goes back"),
-        ("nan.csv", "nan,1,1\ninf,1,1\n", "nan.csv: has no row from the time"),
+        ("back.csv", "2,1,1\n1,1,1\n", "back.csv: time must increase"),
+        ("nan.csv", "nan,1,1\ninf,1,1\n", "nan.csv: has no row while the drives"),
     ],
 )
 def test_a_touch_file_at_fault_is_one_line_and_leaves_no_log(wired, said, name, rows, words):
@@ -167,7 +167,7 @@ def test_events_are_written_as_csv(wired, said):
     [
         (("none.log",), "none.log: no such trace"),
         (("rig.toml",), "no frame can be read"),
-        (("trace.log", "--log", "a.csv"), "--log: needs the scales of --rig"),
+        (("trace.log", "--log", "a.csv"), "--log: needs --rig (scales)"),
         (("trace.log", "--rig", "none.toml"), "--rig none.toml"),
         (("trace.log", "--channel", "can4"), "there are can0"),
     ],

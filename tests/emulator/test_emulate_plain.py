@@ -79,14 +79,14 @@ def test_a_rig_obeys_lines_about_its_plate_and_about_its_drives(scenario):
         ("--bus nope:1", "unknown CAN interface 'nope'"),
         ("--bus udp_multicast:1.2.3.4", "not an IP multicast address"),
         ("--bus slcan:/dev/ttyNO", "no channel '/dev/ttyNO'"),
-        ("--node 3 --node 3", "each drive needs a node of its own"),
+        ("--node 3 --node 3", "each drive needs a different node"),
         ("--node 3", "name two nodes"),
         ("--mechanism inertia", "needs --drive cia402"),
         ("--mechanism inertia --drive cia402 --set duration=3", "--set: changes"),
-        ("--drive cia402 --write x.toml", "--write: this program's host drives AKD only"),
-        ("--bus udp_multicast --write x.toml", "and not over udp_multicast"),
+        ("--drive cia402 --write x.toml", "--write: a rig file is for AKD drives only"),
+        ("--bus udp_multicast --write x.toml", "and not for udp_multicast"),
         ("--drive cia402 --mechanism inertia --bus virtual:a --control /no/x", "cannot be made"),
-        ("--drive akd --eds x.eds", "--eds: belongs to --drive cia402"),
+        ("--drive akd --eds x.eds", "--eds: needs --drive cia402"),
     ],
 )
 def test_options_that_cannot_be_are_refused_in_one_line(options, words, tmp_path, monkeypatch):

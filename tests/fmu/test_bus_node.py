@@ -702,8 +702,8 @@ def test_every_variable_is_on_the_page_about_it(drive):
         (["akd", "drive.fmu"], "a drive, not a scenario; to export it: ballplate export akd drive"),
         (["akd", "drive.fmu"], "drive.fmu --bus"),
         (["adk", "drive.fmu", "--bus"], "adk: no drive that can be exported; did you mean 'akd'?"),
-        (["akd", "drive.fmu", "--bus", "--fmi", "3"], "--bus, is exported without any other"),
-        (["akd", "drive.fmu", "--bus", "--set", "a=1"], "--bus, is exported without any other"),
+        (["akd", "drive.fmu", "--bus", "--fmi", "3"], "--bus: a drive is exported without"),
+        (["akd", "drive.fmu", "--bus", "--set", "a=1"], "--bus: a drive is exported without"),
     ],
 )
 def test_a_wrong_request_is_one_line(tmp_path, monkeypatch, arguments, line):

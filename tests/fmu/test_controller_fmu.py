@@ -249,10 +249,10 @@ def test_what_no_controller_takes_is_no_number_and_is_reported(controllers):
             "controller.kind: 'mpc' has no form in C; exported are pole_placement",
         ),
         (["circle", "c.fmu", "--controller", "--fps", "2"], "there are the options --fmi"),
-        (["circle", "c.c", "--controller"], "--controller is of a scenario's controller as an FMU"),
-        (["circle", "c.c", "--fmi", "3"], "--fmi and --reference are of an .fmu"),
-        (["akd", "c.fmu", "--controller", "--bus"], "--controller is of a scenario's controller"),
-        (["circle", "c.fmu", "--real", "float"], "--real is of a controller in C: .c, or .fmu"),
+        (["circle", "c.c", "--controller"], "--controller: exports an FMU; the file"),
+        (["circle", "c.c", "--fmi", "3"], "--fmi and --reference need a file"),
+        (["akd", "c.fmu", "--controller", "--bus"], "--controller: exports an FMU"),
+        (["circle", "c.fmu", "--real", "float"], "--real: for a controller in C; the file"),
     ],
 )
 def test_a_wrong_request_is_one_line(refuse_export, arguments, line):

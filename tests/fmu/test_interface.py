@@ -322,7 +322,7 @@ def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypat
         ),
         (
             ["circle", "rig.csv", "--fmi", "3"],
-            "--fmi, --reference, --on, --set are of a scenario's rig",
+            "--fmi, --reference, --on and --set: need a file",
         ),
         (["cirle", "rig.fmu"], "cirle"),
         (["circle", "rig.fmu", "--set", "plant.friction.sliding=0.4"], "plant.friction.sliding"),

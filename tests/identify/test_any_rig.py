@@ -572,8 +572,8 @@ def test_dead_time_and_lag_are_as_uncertain_as_the_ruler_makes_them(axis_log):
     ("height", "about", "says"),
     [
         *((each, {}, "metres from the axis") for each in ("142", "high", "nan", "", "0,0,0")),
-        (0.142, {"parameters": "friction,lever"}, "it tells the lever"),
-        (0.142, {"columns": None}, "with columns only; a run knows its rig"),
+        (0.142, {"parameters": "friction,lever"}, "it determines the lever"),
+        (0.142, {"columns": None}, "needs columns; a run states its rig"),
     ],
 )
 def test_a_height_that_cannot_be_or_is_not_asked_for_is_refused(height, about, says, tmp_path):
@@ -628,7 +628,7 @@ def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axi
     words = {each["name"]: each["verdict"] for each in found["parameters"]}
     assert words["gain_x"] == words["friction_x"] == IDENTIFIED_VERDICT
     assert words["gain_y"] == NOT_IDENTIFIABLE
-    assert any("nobody moved" in note for note in found["notes"])
+    assert any("does not move in the log" in note for note in found["notes"])
     (one,) = found["held_out"]
     at = HOLD_OUT.horizons_s.index(1.0)
     assert one["median"]["model"][at] < 0.2 * one["median"]["stays"][at]
@@ -698,7 +698,7 @@ def test_what_is_found_lies_over_the_rig_that_is_named(axis_of, rig, tmp_path, m
 
 
 def test_a_rig_is_named_for_columns_only():
-    with pytest.raises(ScenarioError, match="on: with columns only; a run knows its rig"):
+    with pytest.raises(ScenarioError, match="on: needs columns; a run states its rig"):
         identify("runs/excite", on="hobby")
 
 

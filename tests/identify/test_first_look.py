@@ -145,7 +145,7 @@ def test_a_first_look_says_nothing_of_a_log_that_shows_nothing(log, kind):
 
 def test_identify_says_what_it_does_and_a_first_look_before_it_fits(log):
     said, unmoved = [], replace(log, tilt=0 * log.tilt)
-    with pytest.raises(LogError, match="nobody moved"):
+    with pytest.raises(LogError, match="this axis does not move"):
         identify_axes([AnyLog("rig.csv", {"x": unmoved}, {"x": "rad"}, ())], 0.3, say=said.append)
     assert len(said) == 1
     assert said[0].startswith("rig.csv: fitting 17 s along x: about ")

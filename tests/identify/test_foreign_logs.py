@@ -188,7 +188,7 @@ def test_rows_that_end_where_nothing_is_seen_are_no_damage(tmp_path):
     [
         ([], "is empty"),
         (["", "  ", "# a remark"], "is empty"),
-        (rows()[:1], "holds hardly any number"),
+        (rows()[:1], "contains hardly any numbers"),
         (rows()[:2], "1 usable rows"),
         (["t,x,x", *rows()[1:]], "two columns are called x"),
         (["t,x", *rows()[1:]], "its header names 2 columns, its rows have 3"),
@@ -281,7 +281,7 @@ def plain(tmp_path):
 
 @pytest.mark.parametrize("separator", ["", '"', "\n", ";\r"])
 def test_what_separates_no_columns_is_one_line(tmp_path, separator):
-    with pytest.raises(LogError, match=r"--separator .*: separates no columns; give one as ; or"):
+    with pytest.raises(LogError, match=r"--separator .*: separates no columns; give a sign"):
         read_any(plain(tmp_path), COLUMNS, separator)
 
 

@@ -102,10 +102,10 @@ def test_a_link_to_the_answer_of_another_student_gets_none_of_her_points(
     why = {name: row["problem"] for name, row in found.items() if name != "ann"}
     assert {name for name, row in found.items() if row["score"]} == set()
     for name in ("bob", "cid", "gil", "hal", "ivy"):
-        assert "is a link, which is not followed" in why[name], name
+        assert "is a link; hand in" in why[name], name
     assert "hard link" in why["dora"] + found["ann"]["problem"]
-    assert "is no regular file" in why["eve"]
-    assert "is no regular file" in why["fay"]
+    assert "is not a regular file" in why["eve"]
+    assert "is not a regular file" in why["fay"]
 
 
 def test_no_page_or_mark_quotes_what_a_link_leads_to(
@@ -130,12 +130,12 @@ def test_one_answer_that_is_checked_is_not_opened_through_a_link(tmp_path: Path,
     (tmp_path / name).symlink_to(put(tmp_path / "key.txt", SECRET))
     found = bp.lab.check(tmp_path, tmp_path / name)
     why = found["results"][0]["cause"]["rationale"]
-    assert why == f"{name}: is a link, which is not followed; hand in the file itself"
+    assert why == f"{name}: is a link; hand in the file itself"
     assert found["answer"] == ""
 
 
 def test_a_file_that_grows_without_end_is_not_read(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="is no regular file"):
+    with pytest.raises(DataError, match="is not a regular file"):
         read_regular(Path("/dev/zero"))
     with (tmp_path / "large").open("wb") as file:
         file.truncate(1 << 40)
@@ -143,7 +143,7 @@ def test_a_file_that_grows_without_end_is_not_read(tmp_path: Path) -> None:
         read_regular(tmp_path / "large")
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "s"))
-        with pytest.raises(DataError, match="is no regular file"):
+        with pytest.raises(DataError, match="is not a regular file"):
             read_regular(tmp_path / "s")
 
 
@@ -264,7 +264,7 @@ def test_names_of_moodle_and_canvas_are_students(lab: Lab, handed_in: Path) -> N
         "doedora": "4.0", "poeeve": "4.0", "roefay": "", "moegil": "", "hal": "4.0",
     }  # fmt: skip
     assert found["roefay"]["problem"].endswith("there is roefay_4713_819_numbers.zip: unpack it")
-    assert "code: the course's key deals moegil a different rig" in found["moegil"]["problem"]
+    assert "code: the course's key draws a different rig for moegil" in found["moegil"]["problem"]
 
 
 def test_two_submissions_of_a_student_cost_no_other_mark(lab: Lab, handed_in: Path) -> None:
@@ -289,12 +289,12 @@ def test_what_lies_there_and_is_no_submission_is_named(lab: Lab, handed_in: Path
     found = collect(lab, handed_in, ["ann", "bob"])
     away, ann, bob = sorted(found.submissions, key=lambda each: each.student != "away")
     assert (away.student, ann.student, bob.student) == ("away", "ann", "bob")
-    assert "is a link, which is not followed" in away.problem
+    assert "is a link; hand in" in away.problem
     assert bob.problem == "no answer.toml; there is bob.zip: unpack it"
     assert sorted(found.left_out) == [
-        ".DS_Store: is of the system that packed it",
-        "._ann.toml: is of the system that packed it",
-        "__MACOSX: is of the system that packed it",
+        ".DS_Store: belongs to the course system",
+        "._ann.toml: belongs to the course system",
+        "__MACOSX: belongs to the course system",
         "all.zip: is an archive: unpack it",
         "notes.txt: is neither a folder nor a .toml file",
         "pipe: is neither a folder nor a regular file",
@@ -378,7 +378,7 @@ def test_a_file_that_names_no_student_is_nobody_s(lab: Lab, handed_in: Path, nam
     found = collect(lab, handed_in)
     assert [each.student for each in found.submissions] == ["ann"]
     assert found.left_out == [
-        f"{name}: names no student: a folder or a file has its student's name"
+        f"{name}: names no student: folders and files must have the student's name"
     ]
     put(handed_in / "answer.toml")
     assert len(collect(lab, handed_in, ["ann", Path(name).stem]).submissions) == 2

@@ -600,7 +600,7 @@ def test_a_pack_for_a_course_system_has_what_it_needs_and_no_solution(tmp_path: 
     assert given.isdisjoint({"hidden.toml", "key.txt"})
     cells = json.loads((tmp_path / "students" / "mini.ipynb").read_text())["cells"]
     assert "".join(cells[-2]["source"]).startswith("%%writefile answer.py\n")
-    with pytest.raises(ScenarioError, match="exists; name a new one"):
+    with pytest.raises(ScenarioError, match="exists; give a new one"):
         pack(lab, "gradescope", tmp_path / "x.zip", KEY, None)
 
 
@@ -617,7 +617,7 @@ def test_a_key_in_the_folder_of_a_lab_goes_to_nobody(tmp_path: Path) -> None:
         assert holds == ({"key.txt"} if system == "classroom50" else set())
     (folder / "readme.txt").write_text(f"the key is {KEY}\n")
     for system in ("folder", "gradescope"):
-        with pytest.raises(ScenarioError, match=r"readme\.txt: has the course's key in it"):
+        with pytest.raises(ScenarioError, match=r"readme\.txt: contains the course's key"):
             pack(read(folder), system, tmp_path / f"{system} again", KEY, None)
         assert not (tmp_path / f"{system} again").exists()
 
@@ -652,7 +652,7 @@ def test_a_new_lab_is_one_and_its_starter_is_made_from_its_solution(tmp_path: Pa
     assert starter(lab.text("solution.py")) == lab.text("answer.py")
     assert len(candidates(lab)) == 5
     assert "NAME" not in "".join(lab.text(each) for each in ("lab.toml", "task.md", "notes.md"))
-    with pytest.raises(RecordError, match="exists; name a new folder"):
+    with pytest.raises(RecordError, match="exists; give a new folder"):
         begin("my_own", tmp_path / "lab")
     for name in ("My own", "-x", "-"):
         with pytest.raises(ScenarioError, match=f"NAME '{name}': must be lower-case letters"):

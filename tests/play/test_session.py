@@ -159,10 +159,10 @@ def test_what_cannot_be_is_said_in_a_line_and_changes_nothing(driven):
     }
     session = driven(load("hold"), script, 60, tell=told.append)
     wrong = [each.message for each in told if each.wrong]
-    assert wrong[0] == "nothing was driven yet"
+    assert wrong[0] == "the run has not started yet"
     assert FRICTION in wrong[1]
     assert wrong[2] == "rig.period: cannot be changed while a rig runs"
-    assert "plans on a path known ahead" in wrong[3]
+    assert "needs a path that is known ahead" in wrong[3]
     assert "no_such" in wrong[4]
     assert not Path("nowhere").exists()
     assert not any("\n" in each for each in wrong)
@@ -247,7 +247,7 @@ def test_a_plan_that_is_not_laid_anew_is_given_no_goal(driven):
     session = driven(load("circle", ["controller.kind=tvlqr"]), script, 20, tell=told.append)
     assert [goal[1:] for goal in session.driven.goals.points] == [(0.04, 0.0)]
     (wrong,) = {each.message for each in told if each.wrong}
-    assert "plans on a path known ahead, which is no goal's" in wrong
+    assert "needs a path that is known ahead, which is no goal's" in wrong
     assert "stable_inversion" in wrong
 
 

@@ -131,7 +131,7 @@ def test_the_folder_of_a_bag_stands_for_its_one_file(tmp_path):
     write_mcap(tmp_path / "a_0.mcap")
     assert log_file(tmp_path) == tmp_path / "a_0.mcap"
     write_mcap(tmp_path / "a_1.mcap")
-    with pytest.raises(LogError, match=r"a bag of 2 files; give one of them, as in .*a_0\.mcap"):
+    with pytest.raises(LogError, match=r"a bag of 2 files; give one of them, such as .*a_0\.mcap"):
         log_file(tmp_path)
     (tmp_path / "run.parquet").touch()  # exported next to its run
     assert log_file(tmp_path) == tmp_path / "run.parquet"

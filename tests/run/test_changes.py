@@ -209,9 +209,9 @@ def test_rigs_side_by_side_change_to_the_bit_as_each_of_them_does_alone(plant, k
 
 
 WRONG = {
-    '[{at=1, set={"plant.ball.radius"=0.03}}]': "cannot change while a plant runs (what can: plant",
-    '[{at=1, set={"plant.ball.kind"="steel"}}]': "plant.ball.kind: cannot change while",
-    '[{at=1, set={"controller.kind"="lqr"}}]': "controller.kind: cannot change while",
+    '[{at=1, set={"plant.ball.radius"=0.03}}]': "cannot change during a run (allowed: plant",
+    '[{at=1, set={"plant.ball.kind"="steel"}}]': "plant.ball.kind: cannot change during",
+    '[{at=1, set={"controller.kind"="lqr"}}]': "controller.kind: cannot change during",
     '[{at=1, over=1, set={"plant.ball.mass"=0.03}}]': "plant.ball.mass: changes at once; leave out",
     '[{at=1, set={"plant.friction.rolling_mm"=-1}}]': "rolling_mm: must be greater than or equal",
     '[{at=1, set={"plant.friction.rolling_mm"="much"}}]': "rolling_mm: must be a number",

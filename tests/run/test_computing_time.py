@@ -80,7 +80,9 @@ def test_rigs_of_a_batch_have_each_their_own_and_measuring_is_for_one_alone():
     assert simulate(each[2:3]) == found[2:3]
     measured = load("hold", [*keys, 'controller.computing_time="measured"'])
     assert build_controller(measured).timed
-    with pytest.raises(ballplate.TwinError, match="computing_time: 'measured' is for a run by its"):
+    with pytest.raises(
+        ballplate.TwinError, match="computing_time: 'measured' works for a single run"
+    ):
         ballplate.rig(["hold"] * 2, {**SETTINGS, "controller.computing_time": "measured"})
 
 

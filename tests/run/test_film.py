@@ -336,7 +336,7 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
     (tmp_path / "there").mkdir()
     before = sorted(tmp_path.rglob("*"))
     for line, words in {
-        "there": "there: the format follows the ending; known: .csv, .mat, .parquet, .mcap",
+        "there": "there: unknown ending; known: .csv, .mat, .parquet, .mcap",
         "a.csv --render mujoco": "are of moving pictures",
         "a.csv --fps 10": "are of moving pictures",
         "a.csv --beside made": "are of moving pictures",

@@ -90,7 +90,9 @@ def test_a_run_keeps_its_whole_name_however_it_is_reached(tmp_path, monkeypatch)
 def test_what_is_no_log_is_told_by_what_it_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     one, _ = kept(Path("both") / "a", 100), kept(Path("both") / "b", 100)
-    with pytest.raises(RecordError, match=f"both: holds 2 runs; give one of them, as in {one}"):
+    with pytest.raises(
+        RecordError, match=f"both: contains 2 runs; give one of them, such as {one}"
+    ):
         log_file(Path("both"))
     with pytest.raises(RecordError, match="circle is a scenario, not a run; first: ballplate run"):
         log_file(Path("circle"))

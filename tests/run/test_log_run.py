@@ -110,5 +110,5 @@ def test_a_log_of_commands_in_columns_of_any_name_lies_on_the_run_it_was_taken_f
 
 
 def test_columns_without_a_log_are_refused():
-    with pytest.raises(ScenarioError, match="columns: are of a log"):
+    with pytest.raises(ScenarioError, match="columns: describe a log"):
         compare("circle", columns="time=t,measured_x=x,command_phi=u")

@@ -182,7 +182,21 @@ def test_each_run_has_a_strip_of_its_own_colour_under_one_entry():
     figure, panels = drawn(one=resting(0.0, 1.0), free=motion(), other=resting(1.0, 3.0))
     found = [colour.upper() for _, colour in bands(panels["Tracking error"])]
     assert found == [RUN_COLOURS[0], RUN_COLOURS[2]]
-    assert "held by friction, 25.0 and 50.0 % of the time" in words(figure)
+    assert "held by friction, one 25.0 %, other 50.0 % of the time" in words(figure)
+
+
+def test_shares_of_more_runs_than_the_legend_names_are_a_range():
+    figure, _ = drawn(**{name: resting(0.0, 0.4 * k) for k, name in enumerate("abcd", start=1)})
+    assert "held by friction, 10.0 to 40.0 % of the time" in words(figure)
+
+
+def test_the_run_with_less_effort_is_drawn_in_front():
+    calm, noisy = (replace(motion(), u=np.full((len(TIME), 2), size)) for size in (0.1, 2.0))
+    _, panels = drawn(calm=calm, noisy=noisy)
+    lines = panels["Plate acceleration"].lines
+    order = {line.get_color(): line.get_zorder() for line in lines}
+    assert order[RUN_COLOURS[0]] > order[RUN_COLOURS[1]]
+    assert max(order.values()) < REFERENCE_STYLE["zorder"]
 
 
 def test_a_ball_that_left_the_plate_ends_in_a_cross():

@@ -122,7 +122,7 @@ def test_folders_of_runs_and_patterns_lead_to_every_run(rewritten, tmp_path):
     (several / "compare.png").write_bytes(b"a picture")
     assert [run.name for run in open_runs((several,))] == ["afl", "lqr"]
     assert [run.name for run in open_runs(tuple(sorted(several.iterdir())))] == ["afl", "lqr"]
-    with pytest.raises(RecordError, match=r"holds 2 runs; give one of them, as in .*afl"):
+    with pytest.raises(RecordError, match=r"contains 2 runs; give one of them, such as .*afl"):
         open_run(several)
     both = open_runs((single, several / "lqr"))
     assert [run.name for run in both] == [tmp_path.name, "lqr"]

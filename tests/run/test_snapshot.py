@@ -143,5 +143,5 @@ def test_rigs_side_by_side_go_on_to_the_bit(plant, rigs):
 def test_a_snapshot_of_another_rig_is_refused():
     _, (snapshot,) = recorded([scenario("plant.kind=lagrange")], TICK)
     rig, controller = assemble([scenario("plant.kind=mujoco")])
-    with pytest.raises(SnapshotError, match="not of such a rig"):
+    with pytest.raises(SnapshotError, match="belongs to another kind of rig"):
         snapshot.restore(rig, controller)

@@ -194,7 +194,7 @@ def test_cases_are_chosen_by_words_of_their_names_and_conditions():
     assert choose_cases([]) == list(range(len(CASES)))
     assert not any("sends" in CASES[index].name for index in choose_cases(["counts"]))
     for words in ("no such fault", " "):
-        with pytest.raises(ScenarioError, match="no fault or condition has these words"):
+        with pytest.raises(ScenarioError, match="no fault or condition contains these words"):
             choose_cases([words])
 
 

@@ -89,6 +89,13 @@ def test_a_table_shows_its_keys_only():
     assert len(find_keys("plant")) > len(find_keys("plant.friction"))
 
 
+def test_the_name_of_a_table_is_suggested_for_one_that_is_nearly_it():
+    with pytest.raises(
+        ScenarioError, match=r"nothing called 'friktion'; did you mean 'friction'\? "
+    ):
+        find_keys("friktion")
+
+
 @pytest.mark.parametrize("wrong", ["roling_mm", "plant.fricton", "lqrr"])
 def test_an_unknown_name_is_one_line_with_the_nearest(wrong):
     with pytest.raises(ScenarioError, match=r"nothing called .*; did you mean '") as caught:

@@ -322,7 +322,7 @@ KEY = "plant.servo.lugre_stiffness"
         (OUT, "", EQUATIONS, EXPORT, f".*{KEY}: the exact equations has none$"),
         (HALF, "", EQUATIONS, EXPORT, f"ScenarioError {KEY}: the C source of an FMU has none"),
         (IN, "lugre", MECHANISM, "import twin.whatif.attribution", f"ModelError {KEY}: no effect"),
-        (IN, "backlash", EQUATIONS, "bp.symbolic('circle', told)", f"ModelError {KEY}: is to be"),
+        (IN, "backlash", EQUATIONS, "bp.symbolic('circle', told)", f"ModelError {KEY}: no equa"),
         (IN, "backlash", EQUATIONS, READ, "{'PLANT_SERVO_LUGRE_STIFFNESS'}"),
     ],
 )

@@ -45,7 +45,7 @@ def test_a_healthy_log_raises_no_alarm_and_a_changed_level_is_named(tmp_path, mo
 MISTAKES = {
     "shadow a.csv b.csv": "b.csv: several logs need --reference LOG0",
     "shadow a.csv one/a.csv --reference b.csv": "one/a.csv: two logs have the same name",
-    "shadow a.csv --reference b.csv --learn": "--learn: not with --reference",
+    "shadow a.csv --reference b.csv --learn": "--learn: not allowed with --reference",
     "shadow a.csv --reference no.csv": "log no.csv: not found",
 }
 

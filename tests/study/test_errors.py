@@ -83,7 +83,7 @@ def study(capsys, tmp_path: Path, monkeypatch):
         (
             f'"{KEY}"]',
             '"plant.spring.preload"]\nrelative = true',
-            "plant.spring.preload: no number to take a part of",
+            "plant.spring.preload: relative needs a number",
         ),
     ],
 )

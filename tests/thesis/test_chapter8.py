@@ -121,6 +121,27 @@ def test_the_summary_says_how_many_disagree_and_why_and_calls_no_cell_explained_
     assert [each for each in marks if each in {"!!", "(!)"}] == [mark]
 
 
+def test_notes_that_differ_in_a_fitted_value_only_are_one_note_with_all_values(steps):
+    first, second, third, fourth, *_ = compare(*steps)
+    texts = [
+        "Why. Exact with 48 ms: 3.59 (3.3 to 3.8).",
+        "Other.",
+        "Exact with 48 ms: 1.",
+        "Why. Exact with 48 ms: 6.3 (5.8 to 6.6).",
+    ]
+    cells = [
+        replace(cell, note=note)
+        for cell, note in zip((first, second, third, fourth), texts, strict=True)
+    ]
+    rows, numbered = lines(cells)
+    assert [row[-1].split("[")[-1] for row in rows] == ["1]", "2]", "3]", "1]"]
+    assert numbered == [
+        "[1] Why. Exact with 48 ms: 3.59 (3.3 to 3.8), 6.3 (5.8 to 6.6).",
+        "[2] Other.",
+        "[3] Exact with 48 ms: 1.",
+    ]
+
+
 def test_every_cell_that_is_noted_as_unexplained_or_fitted_says_so_in_its_own_words():
     by = {kind: [] for kind in Reason}
     for table in tables().values():

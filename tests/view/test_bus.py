@@ -79,7 +79,7 @@ def test_view_takes_a_trace_in_place_of_a_run(tmp_path, ballplate, printed):
     assert "node_1_drive" in printed(target)
     code, _, err = ballplate("view", tmp_path / "bus.log", tmp_path, "--rrd", tmp_path / "no.rrd")
     assert code == 2
-    assert err == f"ballplate: {tmp_path}/bus.log: no run; a trace of a CAN bus is shown alone\n"
+    assert err == f"ballplate: {tmp_path}/bus.log: not a run; show a CAN trace without runs\n"
     (tmp_path / "other.log").write_text("no trace\n")
     code, _, err = ballplate("view", tmp_path / "other.log", "--rrd", tmp_path / "no.rrd")
     assert (code, err.count("\n"), (tmp_path / "no.rrd").exists()) == (2, 1, False)

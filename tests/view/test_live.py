@@ -141,7 +141,7 @@ def test_a_run_is_done_and_kept_though_nobody_can_watch(ballplate, monkeypatch, 
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = [str(server.getsockname()[1])] if how == "--serve" else []
         code, _, err = ballplate("run", "step", *SHORT, "--out", "out", how, *port)
-    assert (code, err.count("the run goes on without a view")) == (0, 1)
+    assert (code, err.count("the run continues without a view")) == (0, 1)
     assert Path("out/run.parquet").is_file()
 
 

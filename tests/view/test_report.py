@@ -143,7 +143,8 @@ def test_the_verdict_is_one_sentence_led_by_the_error():
     assert verdict(behind, Diagnosis.of(behind), 0.25).startswith(
         "Tracking error e_tt 12.5 % (0.25 % on the clean model), "
         f"{1000 * np.sqrt((error**2).mean()):.3g} mm RMS over x and y from 6 s on: "
-        "the ball ran 180 ms behind its reference on a path 10.0% smaller"
+        "the ball ran 180 ms behind its reference on a path 10.0 % smaller; apart from these two "
+        "the error is "
     )
     still = made(rest, HOLD)
     still.metrics["tracking_error_percent"] = None

@@ -238,10 +238,7 @@ def without_state(ball_spin: BallSpin, *, spin: bool) -> BallSpin:
         ScenarioError: If it is to be a state and is not free.
     """
     if spin and ball_spin != "free":
-        raise ScenarioError(
-            f"spin: is a state of a ball that spins freely only, and plant.ball_spin is "
-            f"{ball_spin!r}"
-        )
+        raise ScenarioError(f"spin: needs plant.ball_spin 'free', got {ball_spin!r}")
     return "locked" if ball_spin == "free" and not spin else ball_spin
 
 

@@ -36,7 +36,7 @@ def read_regular(path: Path, largest: int = MAX_REGULAR_BYTES) -> bytes:
         largest: Length in bytes that it may have.
 
     Raises:
-        DataError: If it is no regular file with one name, is too large or cannot be read.
+        DataError: If it is not a regular file with one name, is too large or cannot be read.
     """
     how = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
@@ -58,9 +58,9 @@ def check_regular(about: os.stat_result) -> None:
         DataError: If it is a link, a pipe, a device, or has a second name elsewhere.
     """
     if stat.S_ISLNK(about.st_mode):
-        raise DataError("is a link, which is not followed; hand in the file itself")
+        raise DataError("is a link; hand in the file itself")
     if not stat.S_ISREG(about.st_mode):
-        raise DataError("is no regular file")
+        raise DataError("is not a regular file")
     if about.st_nlink > 1:
         raise DataError("has a second name elsewhere (a hard link); hand in a copy")
 

@@ -60,7 +60,9 @@ def results(
                 yield name, future.result()
             executor.shutdown()
     except BrokenProcessPool as error:
-        raise TwinError("a process of this command was killed; is there enough memory?") from error
+        raise TwinError(
+            "a process of this command was killed, perhaps for lack of memory; use fewer processes"
+        ) from error
 
 
 class SecondProcess:

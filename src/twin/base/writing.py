@@ -61,7 +61,7 @@ def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
         number = _lock(name, fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.flock)
     except BlockingIOError:
         raise ScenarioError(
-            f"{option} {folder}: another run is writing there; name another folder"
+            f"{option} {folder}: another run is writing there; give another folder"
         ) from None
     except OSError as error:
         raise ScenarioError(f"{option} {folder}: cannot be locked: {why(error)}") from error
@@ -146,7 +146,7 @@ def write_folder(path: Path, fill: Callable[[Path], object]) -> None:
         RecordError: If there is something of that name, or the folder cannot be written.
     """
     if path.exists():
-        raise RecordError(f"{path}: exists; name a new folder")
+        raise RecordError(f"{path}: exists; give a new folder")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as name:

@@ -71,7 +71,7 @@ class Board:
             return 0.0
         if not instructions:
             raise ScenarioError(
-                f"board.clock_hz: program {self.program} counts no instructions; leave it out"
+                f"board.clock_hz: program {self.program} counts no instructions; remove the key"
             )
         return instructions * self.cycles_per_instruction[1] / self.clock_hz
 

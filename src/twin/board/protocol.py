@@ -66,10 +66,10 @@ class Answer(NamedTuple):
         """
         rate, acceleration, estimate, rest = np.split(content, (2, 4, 12))
         if not np.isfinite(content).all():
-            raise FrameError(f"gave {content.tolist()}, which are not all numbers")
+            raise FrameError(f"sent {content.tolist()}, which are not all numbers")
         valid, instructions = rest.tolist()
         if not valid:
-            raise FrameError("says that its law's request was no number (valid = 0)")
+            raise FrameError("reports that its law's request is not a number (valid = 0)")
         if instructions < 0:
             raise FrameError(f"counted {instructions:g} instructions")
         return cls(rate, acceleration, estimate, bool(valid), instructions)
@@ -95,20 +95,22 @@ def decode(heard: bytes, number: int, count: int) -> Array | None:
     """
     if heard and heard[0] != BEGIN:
         shown = heard[:SHOWN_BYTES].decode("ascii", errors="backslashreplace")
-        raise FrameError(f"said {shown!r} where a frame begins with {BEGIN:#x}")
+        raise FrameError(f"sent {shown!r}, but a frame begins with {BEGIN:#x}")
     if len(heard) < HEAD.size:
         return None
     _, given, length = HEAD.unpack_from(heard)
     if given != number:
-        raise FrameError(f"said frame {given} where {number} was due")
+        raise FrameError(f"sent frame {given} instead of {number}")
     if length != 8 * count:
-        raise FrameError(f"said a frame of {length} bytes, which must have {8 * count}")
+        raise FrameError(f"sent a frame of {length} bytes instead of {8 * count}")
     end = HEAD.size + length
     if len(heard) < end + CHECK_SUM.size:
         return None
     (stated,) = CHECK_SUM.unpack_from(heard, end)
     if stated != (own := binascii.crc_hqx(heard[1:end], 0)):
-        raise FrameError(f"said a frame with the check sum {stated:#06x}, its own is {own:#06x}")
+        raise FrameError(
+            f"sent a frame with the check sum {stated:#06x}; its content gives {own:#06x}"
+        )
     if more := len(heard) - end - CHECK_SUM.size:
-        raise FrameError(f"said {more} bytes more than the one frame that was due")
+        raise FrameError(f"sent {more} bytes more than one frame")
     return np.frombuffer(heard, "<f8", count, HEAD.size).astype(float)

@@ -225,7 +225,9 @@ _COLUMNS_OPTION = click.option(
     metavar="ROLE=NAME:UNIT,...",
     help="Columns of a log of any rig: time, measured_x, measured_y, command_phi, command_theta.",
 )
-_SEPARATOR_OPTION = click.option("--separator", help="Between its columns, as ; or tab [found].")
+_SEPARATOR_OPTION = click.option(
+    "--separator", help="Separator of its columns, such as ; or tab [detected]."
+)
 
 
 def COLUMNS(command: Any) -> Any:  # noqa: N802 - an option, as the others
@@ -306,8 +308,8 @@ LAW_OPTION = click.option(
     expose_value=False,
     is_eager=True,
     callback=_add_laws,
-    help="Take in laws, observers and references of a Python file, as of laws/ where it is no "
-    "command that only reads.",
+    help="Load laws, observers and references from a Python file; those in laws/ are loaded "
+    "without it, except by commands that only read.",
 )
 JSON_OPTION = click.option(
     "--json",
@@ -347,7 +349,7 @@ SERVE_OPTION = click.option(
     help=f"Watch in a browser of this machine [{WEB_PORT}].",
 )
 LEARN_OPTION = click.option(
-    "--learn", is_flag=True, help="Let the twin learn for 20 s before it judges: an unknown rig."
+    "--learn", is_flag=True, help="Let the twin learn for 20 s before it evaluates: an unknown rig."
 )
 WATCH_OPTIONS = (
     click.option("--shadow", is_flag=True, help="Run the twin along: alarms with causes."),
@@ -435,7 +437,7 @@ class Viewing:
         try:
             self._opened = viewer.page(self.serve) if self.serve else viewer.window()
         except ViewError as error:
-            warn(f"{error}; the run goes on without a view")
+            warn(f"{error}; the run continues without a view")
             return None
         if self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)

@@ -38,9 +38,13 @@ def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
             help="With --optimise: write the motion, FILE.toml a scenario, FILE.csv for a board.",
         ),
         click.option(
-            "--optimise", is_flag=True, help="With --plan: seek a motion that tells more."
+            "--optimise", is_flag=True, help="With --plan: search for a more informative motion."
         ),
-        click.option("--rigs", type=int, help="With --plan: rigs drawn of what is unknown [4]."),
+        click.option(
+            "--rigs",
+            type=int,
+            help="With --plan: number of rigs drawn from the unknown parameters [4].",
+        ),
         click.option(
             "--scenario",
             "scenarios",
@@ -50,7 +54,7 @@ def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
             help="With --plan: a motion to forecast [excite, circle, sine].",
         ),
         click.option("--seconds", type=float, help="With --plan: length of the run [40]."),
-        click.option("--plan", is_flag=True, help="Forecast what a run would tell; takes no LOG."),
+        click.option("--plan", is_flag=True, help="Forecast what a run would show; takes no LOG."),
     ):
         command = option(command)
     return command
@@ -74,17 +78,17 @@ def take_plan(
     if not given.pop("plan"):
         for name, option in OWN_OPTIONS.items():
             if given.get(name) not in (None, (), False):
-                raise ScenarioError(f"{option}: with --plan only")
+                raise ScenarioError(f"{option}: needs --plan")
         if not logs:
-            raise ScenarioError("LOG: give a log, or --plan to forecast what one would tell")
+            raise ScenarioError("LOG: give a log, or --plan to forecast the result of one")
         return None
     if logs:
-        raise ScenarioError(f"{logs[0]}: --plan takes no LOG: it forecasts what one would tell")
+        raise ScenarioError(f"{logs[0]}: --plan takes no LOG: it forecasts the result of one")
     for name in ("columns", "separator", "ball", "ball_height"):
         if how[name] is not None:
-            raise ScenarioError(f"--{name.replace('_', '-')}: not with --plan")
+            raise ScenarioError(f"--{name.replace('_', '-')}: not allowed with --plan")
     if out is not None:
-        raise ScenarioError("--out: not with --plan, which prints its forecast")
+        raise ScenarioError("--out: not allowed with --plan, which only prints")
     _check_files(given["files"], optimise=given["optimise"])
     plan = {name: value for name, value in given.items() if value is not None}
     if held:
@@ -102,7 +106,7 @@ def _check_files(files: Sequence[Path], *, optimise: bool) -> None:
         ScenarioError: If there is no motion, a file has another ending, or cannot be written.
     """
     if files and not optimise:
-        raise ScenarioError("--table: with --optimise only, of which it writes the motion")
+        raise ScenarioError("--table: needs --optimise; it writes the optimised motion")
     for file in files:
         if file.suffix not in MOTION_ENDINGS:
             raise ScenarioError(f"--table {file}: must end in {' or '.join(MOTION_ENDINGS)}")

@@ -84,7 +84,7 @@ def doctor(
     reset: bool,
     udev: bool,
 ) -> int:
-    """Check everything that a rig needs before it is brought up, and say what to do.
+    """Check everything that a rig needs before its bring-up, and state what to do.
 
     With --move --ball the ball lies at rest in the middle: each axis is tilted, by up to 4 deg,
     until the ball rolls 8 mm, and is tilted back to brake it.
@@ -161,7 +161,7 @@ def request(word: str) -> str:
     "--mechanism",
     type=click.Choice(["plate", "inertia"]),
     default="plate",
-    help="What they turn: the scenario's plate, or an inertia with friction each [plate].",
+    help="Load of the drives: the scenario's plate, or an inertia with friction each [plate].",
 )
 @click.option(
     "--bus",
@@ -177,7 +177,7 @@ def request(word: str) -> str:
     multiple=True,
     help="CANopen node of a drive, once for each drive [1 and 2; with an inertia 1].",
 )
-@click.option("--control", type=options.PATH_TYPE, help="Obey lines of a Unix socket there.")
+@click.option("--control", type=options.PATH_TYPE, help="Unix socket that accepts such lines.")
 @click.option(
     "--eds", type=options.PATH_TYPE, help="Only write the EDS of the cia402 drives there."
 )
@@ -209,10 +209,10 @@ def emulate(
 
     The drives are two AKD on a USB-CAN adapter, also on a pty, unless an option says otherwise.
 
-    It simulates what they turn in real time. Lines that are typed, or sent to the socket of
-    --control, do something to it: sto and release for the STO button, lift and put for the ball,
-    touch X Y (mm) for a finger, unplug and plug for the screen, lag for how far it is behind the
-    clock; faults of drives and frames: an unknown word lists them. Ctrl-C ends it.
+    It simulates what they turn in real time. Typed lines, or lines sent to the socket of
+    --control, act on it: sto and release for the STO button, lift and put for the ball, touch X
+    Y (mm) for a finger, unplug and plug for the screen, lag for how far it is behind the clock;
+    faults of drives and frames: an unknown word lists them. Ctrl-C ends it.
     """
     from contextlib import ExitStack
 
@@ -221,7 +221,7 @@ def emulate(
 
     if eds is not None:
         if kind == "akd":
-            raise RigError("--eds: belongs to --drive cia402; the EDS of an AKD is from its maker")
+            raise RigError("--eds: needs --drive cia402; the EDS of an AKD comes from its maker")
         from twin.emulator.profile_eds import eds_text
 
         write_whole(eds, eds_text())
@@ -230,7 +230,7 @@ def emulate(
     kind = kind or "akd"
     own_host = kind == "akd" and not bus.startswith("udp_multicast")
     if file is not None and not own_host:
-        raise RigError("--write: this program's host drives AKD only, and not over udp_multicast")
+        raise RigError("--write: a rig file is for AKD drives only, and not for udp_multicast")
     served = _virtual_bus(scenario, overrides, kind, mechanism, bus, nodes, protocol)
     with ExitStack() as opened:
         rig = opened.enter_context(served)
@@ -277,7 +277,7 @@ def _virtual_bus(
 
     name = None if bus == PSEUDO_TERMINAL else parse_bus(bus)
     if len(set(nodes)) < len(nodes):
-        raise RigError("--node: each drive needs a node of its own")
+        raise RigError("--node: each drive needs a different node")
     if mechanism == "inertia":
         if kind == "akd":
             raise RigError("--mechanism inertia: needs --drive cia402; AKD drives turn the plate")
@@ -324,7 +324,7 @@ def safety(
 
     cases = choose_cases(words)
     if out is not None and only_list:
-        raise ScenarioError("--out: not with --list, which runs no fault")
+        raise ScenarioError("--out: not allowed with --list, which injects no fault")
     if out is not None and out.is_dir():
         raise ScenarioError(f"--out {out}: is a folder; give a file, as in sheet.csv")
     if out is not None:
@@ -376,11 +376,13 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option(
     "--eds", type=options.PATH_TYPE, help="EDS file of the drives: what objects are called."
 )
-@click.option("--channel", help="Which channel of the trace [the one with most frames].")
+@click.option("--channel", help="Channel of the trace [the one with most frames].")
 @click.option(
     "--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s, for its load [from --rig]."
 )
-@click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
+@click.option(
+    "--replay", "again", is_flag=True, help="Send the host's frames to emulated drives and compare."
+)
 @click.option("--out", type=options.PATH_TYPE, help="Also write the events there, a CSV file.")
 @click.option("--all", "everything", is_flag=True, help="Also what nodes sent, values and events.")
 @click.option(
@@ -420,11 +422,11 @@ def trace(
     from twin.devices.akd.traces import read_trace
 
     if log is not None and (rig is None or touch is None):
-        raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
+        raise LogError("--log: needs --rig (scales) and --touch (the ball's positions)")
     place = file / TRACE_FILE if file.is_dir() else file
     found = read_trace(place, channel)
     if again and check:
-        raise LogError("--check: not with --replay, which has an exit code of its own")
+        raise LogError("--check: not allowed with --replay, which sets the exit code")
     if not found.timed and (again or log):
         raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
     if place.name == TRACE_FILE:
@@ -533,7 +535,9 @@ def play(
     folder = check_writable(out or run_folder(f"play-{Path(scenario).stem}"))
     server = Server(chosen, folder, warn=warn, **how)
     if not is_loopback(where := how["address"]):
-        warn(f"the page can be reached from other machines, by whoever has this address: {where}")
+        warn(
+            f"the page can be reached from other machines, by anyone who has this address: {where}"
+        )
 
     def begun() -> None:
         say(f"open {server.url} in a browser; Ctrl-C ends it")
@@ -574,7 +578,7 @@ def _turn_plate(
 @options.SETTING
 @options.JSON_OPTION
 def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
-    """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
+    """Turn the plate by a slow triangle and measure what is lost between motor and plate.
 
     Settings are the control period, and those of the virtual rig.
     """

@@ -75,13 +75,13 @@ def list_scenarios() -> None:
     "faults",
     multiple=True,
     metavar="'SECONDS LINE'",
-    help="With --rig emulated: do this to it then, as '3.0 unplug' or '2 drop 0x080 0.1'; see "
-    "ballplate emulate; repeatable.",
+    help="With --rig emulated: inject a fault at that time, such as '3.0 unplug' or "
+    "'2 drop 0x080 0.1'; see ballplate emulate; repeatable.",
 )
 @click.option(
     "--trace",
     type=options.PATH_TYPE,
-    help="Of a rig: keep the frames of its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
+    help="With --rig: file for the frames of its CAN bus: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
 @options.VIEWING
@@ -257,9 +257,9 @@ def sweep(
 ) -> int:
     """Run a scenario over the values of a key: a table and a curve.
 
-    KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. --vary gives a curve
-    for each value of a second key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
-    kept, in sweep.csv.
+    KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. --vary gives a
+    curve for each value of a second key, as in controller.kind=[afl,lqr]. The indicators of the
+    runs are written to sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
     from twin.scenario.load import parse_variations, swept
@@ -279,7 +279,7 @@ def sweep(
     for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
         TERMINAL.warn(reason)
     if any(row["outcome"] == "not run" for row in done.rows):
-        TERMINAL.warn("interrupted: what had not ended is not in the table")
+        TERMINAL.warn("interrupted: unfinished runs are not in the table")
     show(
         numbers, [bold(done.title), done.table()], folder, written(folder, "sweep.png", "sweep.csv")
     )
@@ -299,7 +299,7 @@ LISTED_KINDS = {"laws": "controller", "observers": "observer", "references": "re
 def describe(name: str) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
-    A word is looked for in the names, then in what they mean. `laws`, `observers` and `references`
+    A word is searched in the names, then in the meanings. `laws`, `observers` and `references`
     list those there are, with one sentence each.
     """
     from twin.scenario.describe import about, find_keys
@@ -369,7 +369,7 @@ def new(kind: str, name: str, like: str | None) -> int:
         start = start._replace(**LAW_STARTS[like])
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
-        raise ScenarioError(f"{file}: exists; nothing was written")
+        raise ScenarioError(f"{file}: exists; nothing was written, choose another NAME")
     for table in CATALOG_TABLES if start.called[0] else ():
         if taken := choices(table).get(name):
             raise ScenarioError(f"{kind} '{name}': the name is taken by {taken.__module__}")
@@ -396,7 +396,7 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
     for path in paths:
         check_no_scenario(path)
         if len(paths) > 1 and _is_trace(path) and path.suffix != ".parquet":
-            raise RecordError(f"{path}: no run; a trace of a CAN bus is shown alone")
+            raise RecordError(f"{path}: not a run; show a CAN trace without runs")
         if path.suffix == ".csv":
             raise RecordError(f"{path}: a log, not a run; ballplate compare {path} SCENARIO")
     from twin.run.finished import open_runs
@@ -532,12 +532,12 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     multiple=True,
     type=options.PATH_TYPE,
     metavar="RUN",
-    help="Of a moving picture: show this one as well; may be repeated.",
+    help="Of a moving picture: show this run, too; may be repeated.",
     shell_complete=options.runs,
 )
-@click.option("--from", "since", type=float, help="The time it begins with, s [the first].")
-@click.option("--to", "until", type=float, help="The time it ends with, s [the last].")
-@click.option("--seconds", type=float, help="How long it lasts, s [as long as the run did].")
+@click.option("--from", "since", type=float, help="Start of the part shown, s [start of the run].")
+@click.option("--to", "until", type=float, help="End of the part shown, s [end of the run].")
+@click.option("--seconds", type=float, help="Its duration, s [that of the run].")
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of an .fmu: version of FMI [2].")
@@ -588,14 +588,17 @@ def export(
     ballplate export circle controller.c --real float
     """
     if controller and (bus or file.suffix != ".fmu"):
-        raise RecordError(f"{file}: --controller is of a scenario's controller as an FMU: .fmu")
+        raise RecordError(f"{file}: --controller: exports an FMU; the file must end in .fmu")
     if real and file.suffix != ".c" and not controller:
-        raise RecordError(f"{file}: --real is of a controller in C: .c, or .fmu with --controller")
+        raise RecordError(
+            f"{file}: --real: for a controller in C; the file must end in .c, or with "
+            "--controller in .fmu"
+        )
     given = {name: value for name, value in cut.items() if value is not None}
     of_picture, of_rig = beside or given, fmi or reference_output
     if bus:
         if of_picture or of_rig or overrides:
-            raise RecordError(f"{file}: a drive, --bus, is exported without any other option")
+            raise RecordError(f"{file}: --bus: a drive is exported without further options")
         from ballplate.rigs import drive_fmu
 
         say(f"written to {drive_fmu(str(run), file, reporter=TERMINAL)}")
@@ -611,7 +614,9 @@ def export(
             run, file, overrides, number, real, reference_output, controller=controller
         )
     if of_rig or overrides:
-        raise RecordError(f"{file}: --fmi, --reference, --on, --set are of a scenario's rig: .fmu")
+        raise RecordError(
+            f"{file}: --fmi, --reference, --on and --set: need a file that ends in .fmu"
+        )
     from ballplate.comparing import label_runs
     from ballplate.results import Result
 
@@ -624,7 +629,7 @@ def export(
     opened = [each for path in (run, *beside) for each in _open_runs((path,))]
     if not moving:
         if len(opened) > 1:
-            raise RecordError(f"{run}: holds {len(opened)} runs; name one of them")
+            raise RecordError(f"{run}: contains {len(opened)} runs; give one of them")
         opened[0].export(file)
         say(f"written to {file}: {len(opened[0].time)} rows of {len(opened[0])} columns")
         return 0
@@ -652,7 +657,7 @@ def _export_scenario(
     real = real or "double"
     if file.suffix == ".c":
         if fmi or reference:
-            raise RecordError(f"{file}: --fmi and --reference are of an .fmu")
+            raise RecordError(f"{file}: --fmi and --reference need a file that ends in .fmu")
         say(f"written to {controller_source(name, file, overrides, real=real)}/")
     elif controller:
         kind |= {"real": real, "reference_inputs": reference}
@@ -664,11 +669,11 @@ def _export_scenario(
 
 @options.command(example="docs")
 def docs() -> int:
-    """Open the pages about all this in a browser, from this machine's disk."""
+    """Open the documentation in a browser, from this machine's disk."""
     index = model_path().parents[1] / "site" / "index.html"
     if not index.exists():
         where = "in a checkout of the project: uv run python docs/build.py"
-        raise TwinError(f"docs: the pages have not been made here; {where}")
+        raise TwinError(f"docs: the pages have not been built here; {where}")
     webbrowser.open(index.as_uri())
     say(index.as_uri())
     return 0

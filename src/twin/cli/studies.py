@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
 @click.option(
-    "--engine", type=click.Choice(("python", "c")), help="Override what carries out the runs."
+    "--engine", type=click.Choice(("python", "c")), help="Simulate in Python or in compiled C."
 )
 @click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
 @options.PROCESSES_OPTION
@@ -219,7 +219,7 @@ def bench() -> None:
 def list_laws(season: str | None) -> int:
     """List the laws of this project, which are the first entries.
 
-    With the key of a season say the key's fingerprint instead, and as JSON the rigs.
+    With the key of a season print the key's fingerprint instead, with --json also the rigs.
     """
     from twin.lab.bench import Benchmark, rigs_of
 
@@ -251,8 +251,8 @@ def run(
 ) -> int:
     """Run an entry: a law's file, a folder with an entry.toml, or a law of ``bench list``.
 
-    Code of an entry runs in a process of its own that sees measurements and nothing else. Finished
-    runs are kept: an interrupted command goes on where it was. On the rigs of a season the
+    Code of an entry runs in a process of its own that sees measurements and nothing else.
+    Finished runs are kept: an interrupted command continues. On the rigs of a season the
     reference law is run first, once for all entries.
     """
     from twin.lab.bench import Benchmark, rigs_of
@@ -284,14 +284,15 @@ def run(
 def verify(entry: Path | None, season: str | None) -> int:
     """Verify an entry: its scores, and its commands replayed; none of its code is run.
 
-    Replayed are the commands on the first rigs alone; of the others the file of runs is believed.
-    Without one the benchmark itself: its files, and errors of its laws on the first rigs. Exit code
-    1 where anything differs. An entry of a season needs its key, and the reference law is run once.
+    Only the commands on the first rigs are replayed; for the others the file of runs is
+    trusted. Without an ENTRY the benchmark itself is verified: its files, and errors of its
+    laws on the first rigs. Exit code 1 where anything differs. An entry of a season needs its
+    key, and the reference law is run once.
     """
     from twin.lab.bench import Benchmark
 
     if season is not None and entry is None:
-        raise click.UsageError("--season: needs the ENTRY that is verified")
+        raise click.UsageError("--season: needs the ENTRY to verify")
     benchmark = Benchmark(key=season)
     with _count_runs("reference law", benchmark) if season else nullcontext() as progress:
         replayed = benchmark.replay(entry, progress=progress) if entry else benchmark.differences()
@@ -307,7 +308,7 @@ def verify(entry: Path | None, season: str | None) -> int:
 @click.argument("entries", nargs=-1, required=True, type=PATH_TYPE)
 @JSON_OPTION
 def table(entries: Sequence[Path]) -> int:
-    """Put finished entries side by side: the relative error of each in each task."""
+    """Compare finished entries: the relative error of each in each task."""
     from twin.lab.bench import rigs_of, scores_side_by_side
 
     found, season = scores_side_by_side(entries)
@@ -369,7 +370,7 @@ KEY_OPTION = click.option("--key", type=PATH_TYPE, help="File with the course's 
 
 @click.group(cls=Group, example="lab check signs answer.py")
 def lab() -> None:
-    """Labs that mark themselves, each student on a rig of their own."""
+    """Labs that grade themselves; each student has a rig of their own."""
 
 
 @lab.command("list", cls=Command, example="lab list", reads=True)
@@ -396,7 +397,7 @@ def new(name: str, like: str | None, out: Path | None) -> int:
     folder = out or Path(name)
     begin(name, folder, read(like) if like else None)
     if not any(folder.glob("solution.*")):
-        warn("without solution and mutants: an installed ballplate has none; a checkout does")
+        warn("the copy has no solution and no mutants: only a clone of the repository has them")
     say(f"{folder}/: begin with lab.toml and solution.py; then: ballplate lab selftest {folder}")
     return 0
 
@@ -423,15 +424,15 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 @lab.command(cls=Command, example="lab check signs answer.py")
 @click.argument("lab")
 @click.argument("answer", required=False, type=PATH_TYPE)
-@click.option("--student", help="Owner of the rig, where no rig.toml next to the answer names one.")
+@click.option("--student", help="Owner of the rig if no rig.toml next to the answer names one.")
 @KEY_OPTION
-@click.option("--hidden", is_flag=True, help="Judge hidden checks, too, where they are.")
+@click.option("--hidden", is_flag=True, help="Grade hidden checks, too, if they are there.")
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
 @click.option("--out", type=PATH_TYPE, help="File to write the result to.")
-@click.option("--page", type=PATH_TYPE, help="HTML page to write, with a picture of the run.")
+@click.option("--page", type=PATH_TYPE, help="HTML page to write, with a picture of the worst run.")
 @JSON_OPTION
 def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> int:
-    """Judge an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
+    """Grade an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
 
     The answer is a file, or a folder with it; by default the current folder.
     """
@@ -453,7 +454,7 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
 @KEY_OPTION
 @click.option("--out", type=PATH_TYPE, help="New folder with one a student [variants-LAB].")
 def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> int:
-    """Deal every student of a class a rig of their own, and write what each begins with.
+    """Draw a rig for every student of a class, and write the folder that each begins with.
 
     The class is a CSV file; its first column names the students, below a heading.
     """
@@ -477,7 +478,7 @@ def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> in
 @PROCESSES_OPTION
 @JSON_OPTION
 def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) -> int:
-    """Judge the answers of a class, a folder or a file a student, on the rigs the key deals.
+    """Grade the answers of a class, a folder or a file per student, on the rigs the key deals.
 
     Every result and its page are kept when they are finished, in a folder next to the marks: a
     killed command continues where it was, an unchanged answer is not evaluated again. A page next
@@ -523,7 +524,7 @@ def _show_findings(lab: Lab, found: Iterable[Finding]) -> int:
 @PROCESSES_OPTION
 @JSON_OPTION
 def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
-    """Try a lab before a class does: the solution has all points, every mutant fails its check."""
+    """Test a lab before a class uses it: solution with all points, mutants that fail."""
     from twin.base.writing import write_whole
     from twin.lab import grade
     from twin.lab.schema import starter as made

@@ -125,11 +125,13 @@ PARAMETERS_HELP = (
 @click.option(
     "--on",
     metavar="RIG",
-    help="With --columns: the rig, or file of parameters, that what is found lies over; "
+    help="With --columns: the rig, or file of parameters, that the results are laid over; "
     "with --plan the rig.",
     shell_complete=options.rigs,
 )
-@click.option("--ball-height", metavar="M", help="Metres from the plate's axis up to its centre.")
+@click.option(
+    "--ball-height", metavar="M", help="Height of the ball's centre above the plate's axis, m."
+)
 @planning.PLAN
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/identify-LOG].")
 @options.JSON_OPTION
@@ -139,11 +141,11 @@ def identify(
     """Fit friction, dead time, drives and level to a recorded run, or to logs of any rig.
 
     LOG is a run folder, a run.parquet, or a log with named columns, preferably recorded with
-    the scenario `excite`; with --columns one or more logs of any rig, with commands in place
-    of plate angles. Of a log with other columns it shows without --columns what the log holds,
-    guesses roles, and prints the command line that would use it (exit code 1). Writes report.html
-    and parameters.toml; exit code 1 if no parameter can be identified. With --plan and no LOG it
-    forecasts what scenarios would tell of a rig, before anything is recorded.
+    the scenario `excite`; with --columns one or more logs of any rig, with commands in place of
+    plate angles. Of a log with other columns it shows without --columns what the log holds,
+    guesses roles, and prints the command line that would use it (exit code 1). Writes
+    report.html and parameters.toml; exit code 1 if no parameter can be identified. With --plan
+    and no LOG it forecasts the results of scenarios before anything is recorded.
     """
     plan = planning.take_plan(logs, held, out, how)
     if how["columns"] is None:
@@ -248,7 +250,7 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
     "--reference",
     type=options.PATH_TYPE,
     metavar="LOG0",
-    help="Identify the rig from this log of it while it was well; the others are judged by that.",
+    help="Identify the rig from this log of its healthy state; the others are evaluated by it.",
 )
 @options.SETTING
 @options.LEARN_OPTION
@@ -264,7 +266,7 @@ def shadow(
     learn: bool,
     **how: Any,
 ) -> int:
-    """Run the twin on a recorded run: is it still right, since when not, and why.
+    """Compare a recorded run with the twin: is it still right, since when not, and why.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
@@ -277,10 +279,10 @@ def shadow(
     if reference is None and len(files) > 1:
         raise ScenarioError(f"{logs[1]}: several logs need --reference LOG0")
     if reference is not None and learn:
-        raise ScenarioError("--learn: not with --reference, whose twin always learns")
+        raise ScenarioError("--learn: not allowed with --reference, whose twin always learns")
     if len(set(names)) < len(names):
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
-        raise ScenarioError(f"{same}: two logs have the same name; give each another")
+        raise ScenarioError(f"{same}: two logs have the same name; rename one")
     first = None if reference is None else log_file(reference)
     from twin.shadow.reference import learn_reference
     from twin.shadow.report import WRITTEN_FILES, examine, sentences
@@ -324,12 +326,12 @@ def shadow(
     return int(any(each.alarms for each in found.values()))
 
 
-FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
+FURTHER_HELP = "A further future, with these changes in addition to --set; repeatable."
 
 
 @options.command(example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
 @click.argument("run", type=options.PATH_TYPE)
-@click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
+@click.option("--at", type=float, required=True, help="Time at which the future begins, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
 @click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER_HELP)
 @click.option(
@@ -338,10 +340,12 @@ FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes
     type=options.Finite(0.01, 3600),
     default=10.0,
     show_default=True,
-    help="How long it goes on, s.",
+    help="Duration of the future, s.",
 )
-@click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
-@click.option("--on", metavar="RIG", help="On which rig, or a file of identified parameters.")
+@click.option("--scenario", help="Scenario of a log that does not state it: a name or a TOML file.")
+@click.option(
+    "--on", metavar="RIG", help="Rig of the log: a name, or a file of identified parameters."
+)
 @options.COLUMNS
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/whatif-RUN].")
 @options.JSON_OPTION

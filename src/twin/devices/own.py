@@ -351,8 +351,8 @@ def load_screen(config: OwnScreenConfig) -> ScreenHardware:
     made = _load(config.backend, config.options, ScreenHardware, key)  # type: ignore[type-abstract]
     if isinstance(made, ServoHardware):
         raise ScenarioError(
-            f"{key}: {config.backend} is servos as well; its start would move the plate; a class "
-            "for both devices is named as backend, above the tables"
+            f"{key}: {config.backend} includes servos and would move the plate when it "
+            "starts; a class for both devices is named as backend, above the tables"
         )
     return made
 
@@ -460,7 +460,9 @@ class _OwnDriver:
         if len(angles) == 1 or not all(map(math.isfinite, (*numbers[2:], self.now()))):
             raise TypeError(f"measure must give a time, and two finite angles or none: {reading}")
         if (ahead := reading.at - self.now()) > self._silent:
-            raise TypeError(f"at is {ahead:.3g} s ahead of time(): give self.time() as it arrived")
+            raise TypeError(
+                f"Reading.at is {ahead:.3g} s ahead of time(): give self.time() of its arrival"
+            )
         return reading
 
     def _said(self) -> tuple[str, ...]:

@@ -638,9 +638,9 @@ def fit_calibration(
     worst = int(found.distances.argmax())
     if found.distances[worst] > largest:
         raise CalibrationError(
-            f"calibration: the points do not fit together: {worst + 1}, {place(points[worst])}, is "
-            f"{1e3 * found.distances[worst]:.1f} mm off, at most {1e3 * largest:g}; "
-            "touch them in the order in which they are requested"
+            f"calibration: the points contradict one another: {worst + 1}, "
+            f"{place(points[worst])}, is {1e3 * found.distances[worst]:.1f} mm off, at most "
+            f"{1e3 * largest:g}; touch them in the order in which they are requested"
         )
     return found
 

@@ -119,7 +119,7 @@ def replay(
         elif node.frames.keys() - {"heartbeat"}:
             drives[number] = EmulatedDrive(number)
     if not drives:
-        raise LogError("; ".join(remarks) or "no drive sends anything: there is nothing to replay")
+        raise LogError("; ".join(remarks) or "no drive sends anything, so nothing can be replayed")
     _prepare(drives, frames)
     readable = [each for each in frames if not each.is_error_frame and not each.is_extended_id]
     theirs = {each + number for each in _SERVICES_BY_KIND.values() for number in recorded.nodes} - {

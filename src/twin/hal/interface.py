@@ -109,8 +109,8 @@ LIMIT_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    explain="compares runs that go on; where a rig stops is no error of its tracking",
-    identify="fits what moved, whatever limited it",
+    explain="compares runs that do not stop; a limit that stops a rig is no tracking error",
+    identify="fits the measured motion, whatever limited it",
     symbols=GIVEN,
 )
 STOP_FOLLOWERS = replace(LIMIT_FOLLOWERS, symbols="bound the ball by the operating area")

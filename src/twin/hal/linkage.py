@@ -32,7 +32,7 @@ LENGTH_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    explain="compares no builds of a rig; what the rig does not know of them is rig.cams",
+    explain="compares runs of one build of the rig; its unknown errors belong to rig.cams",
     identify="reads the plate's angles from its encoders",
     symbols="have the plate's acceleration as their input",
 )

@@ -213,7 +213,7 @@ def identify_axes(
     ball = ball or BallPlate()
     factor = factor or ball.c1
     if heights and "lever" in names:
-        raise LogError("ball_height: it tells the lever; leave that out of the parameters")
+        raise LogError("ball_height: it determines the lever; remove lever from the parameters")
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
@@ -537,7 +537,7 @@ def _fit_between_stops(log: AxisLog, selection: AxisSelection) -> AxisSelection:
 
 def _check_excited(log: AxisLog) -> None:
     if float(np.ptp(log.tilt)) == 0.0:
-        raise LogError("nobody moved this axis in the log; tilt it to and fro to identify it")
+        raise LogError("this axis does not move in the log; tilt it back and forth to identify it")
     if len(log.sampled) < 30 or float(np.ptp(log.ball)) < 0.005:
         way = 1000 * float(np.ptp(log.ball)) if len(log.ball) else 0.0
         raise LogError(

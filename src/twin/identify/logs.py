@@ -87,7 +87,7 @@ class Log:
             LogError: If it is a run, which knows its ball.
         """
         if self.scenario:
-            raise LogError(f"{self.source}: --ball: a run knows its ball")
+            raise LogError(f"{self.source}: --ball: not allowed; a run states its ball")
         inertia = self.model.mass * self.model.radius**2 * (1 / factor - 1)
         return replace(self, model=replace(self.model, inertia=inertia))
 
@@ -521,7 +521,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
         if ball in found and not {f"command_{angle}", f"measured_{angle}"} & set(found):
             lacking.append(f"command_{angle} or measured_{angle}, for {ball}")
     if lacking:
-        raise LogError(f"--columns: tell {'; '.join(lacking)} as well")
+        raise LogError(f"--columns: give {'; '.join(lacking)}, too")
     return found
 
 
@@ -578,7 +578,7 @@ def read_any(
             raise LogError(f"{path.name}: {role}: no column {column.name}: there are {len(cells)}")
         values, broken = parse_numbers(cells[index])
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
-            raise LogError(f"{path.name}: {role}: {column.name} holds hardly any number")
+            raise LogError(f"{path.name}: {role}: {column.name} contains hardly any numbers")
         if broken:
             notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
         columns[role] = column.sign * factor * values
@@ -662,9 +662,7 @@ def _on_one_clock(
         times = {k: each for k, each in times.items() if k != "time" and not shares_rows(each)}
     missing = [role for role in columns if role not in times]
     if missing and "time" not in columns:
-        raise LogError(
-            f"{source}: {missing[0]} has no times of its own; --columns: tell time as well"
-        )
+        raise LogError(f"{source}: {missing[0]} has no times; give time in --columns, too")
     for role in missing:
         if len(columns[role]) != len(columns["time"]):
             raise LogError(
@@ -787,8 +785,8 @@ def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], l
         return str.split
     if not separator or set(separator) & set('"\r\n'):
         raise LogError(
-            f"--separator {separator!r}: separates no columns; give one as ; or a word of "
-            f"{', '.join(word for word in SEPARATOR_NAMES if word.isalpha())}"
+            f"--separator {separator!r}: separates no columns; give a sign such as ; or "
+            f"one of the words {', '.join(word for word in SEPARATOR_NAMES if word.isalpha())}"
         )
     between = separator
 
@@ -932,7 +930,10 @@ def _clean_log(
         )
     shown = np.flatnonzero(seen & ~false)
     if len(shown) < 10:
-        raise LogError(f"{source}: the ball is seen in {len(shown)} rows; too few to identify")
+        raise LogError(
+            f"{source}: the ball is seen in {len(shown)} rows, too few to identify; record "
+            "a longer log"
+        )
     shown = shown[np.argsort(sampled[shown], kind="stable")]
     # rows of one frame, recognised by its age, are one sample
     shown = shown[np.diff(sampled[shown], prepend=-np.inf) > min(step / 2, 1e-4)]

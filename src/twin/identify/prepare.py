@@ -303,7 +303,7 @@ def _period(time: Array, source: str) -> float:
         row = int(np.argmax(steps <= 0))
         raise LogError(
             f"{source}: time: jumps from {time[row]:.6g} to {time[row + 1]:.6g} s after row "
-            f"{row + 1}: the clock must run forwards"
+            f"{row + 1}: times must increase"
         )
     if not 5e-5 <= period <= MAX_ROW_INTERVAL_S:
         raise LogError(

@@ -181,7 +181,7 @@ def survey(
             clock = clocks.get(k)
             columns.append(SurveyedColumn(name or str(k + 1), unit or "", values, clock))
     if not columns:
-        raise LogError(f"{path.name}: no column time, and none with numbers: it is no log")
+        raise LogError(f"{path.name}: no column time and no column of numbers: not a log")
     guesses = tuple(_guess_roles(columns))
     found = {guess.role: guess for guess in guesses}
     if "time" in found:

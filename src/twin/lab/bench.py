@@ -411,7 +411,7 @@ class Benchmark:
             how: Processes or a cluster for missing runs of the reference law, as for ``carry``.
 
         Raises:
-            RecordError: If it holds no finished entry, or one on other rigs.
+            RecordError: If it contains no finished entry, or one on other rigs.
         """
         written, its = scores_of(folder)
         if its != self.season:
@@ -421,7 +421,7 @@ class Benchmark:
             rows, commands = self._rows_of(folder), commands_of(folder)
             same = [each._asdict() for each in self.scores(rows)] == written
         except (OSError, LookupError, TypeError, ValueError, BadZipFile) as error:
-            raise RecordError(f"{folder}: holds no finished entry: {why(error)}") from error
+            raise RecordError(f"{folder}: contains no finished entry: {why(error)}") from error
         if not same:
             yield "scores.json: not the scores of runs.parquet"
         whole = self.relative(rows)
@@ -589,9 +589,7 @@ def enter(
     """
     for text in entry.set:
         if re.split(r"[.=]", text)[0] not in ENTRY_TABLES:
-            raise ScenarioError(
-                f"set: '{text}': an entry sets {', '.join(ENTRY_TABLES)} and no more"
-            )
+            raise ScenarioError(f"set: '{text}': an entry may set {', '.join(ENTRY_TABLES)} only")
     if not entry.file and not entry.command:
         yield entry.set, None
         return
@@ -700,7 +698,7 @@ def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
         found: dict[str, Any] = json.loads(read_regular(folder / "scores.json"))
         return found["scores"], str(found.get("season", ""))
     except (OSError, ValueError, LookupError, TypeError) as error:
-        raise RecordError(f"{folder}: holds no finished entry: {why(error)}") from error
+        raise RecordError(f"{folder}: contains no finished entry: {why(error)}") from error
 
 
 def commands_of(folder: Path) -> list[Array]:

@@ -213,7 +213,7 @@ def serve_observer(file: Path) -> None:
     """Describe the observer of a file, then answer the grader's requests."""
     cls = load_class(file, Observer)
     if issubclass(cls, DelayedObserver):
-        raise TypeError("must be an Observer: the lab makes up for the dead time")
+        raise TypeError("must be an Observer: the lab compensates the dead time")
     send_line(knows=cls.knows)
     for what, *given in receive_requests(correct=(4, 1, 1), predict=(2,)):
         if what == "start":

@@ -200,7 +200,7 @@ def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) 
     if wheel is not None and not wheel.is_file():
         raise ScenarioError(f"--wheel {wheel}: not found")
     if out.exists():
-        raise ScenarioError(f"--out {out}: exists; name a new one")
+        raise ScenarioError(f"--out {out}: exists; give a new one")
     if system != "gradescope":
         write_folder(out, lambda inner: _fill(lab, system, inner, key, wheel))
         return
@@ -247,7 +247,9 @@ def check_without_key(folder: Path, key: str | None) -> None:
     for file in filter(Path.is_file, folder.rglob("*")):
         if key and key.encode() in file.read_bytes():
             name = file.relative_to(folder)
-            raise ScenarioError(f"{name}: has the course's key in it; the lab's folder is no place")
+            raise ScenarioError(
+                f"{name}: contains the course's key; move it out of the lab's folder"
+            )
 
 
 class Drawing(NamedTuple):

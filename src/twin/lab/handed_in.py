@@ -202,7 +202,7 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
     """
     name, mode = path.name, path.lstat().st_mode
     if name.startswith(".") or name == "__MACOSX":
-        raise ScenarioError("is of the system that packed it")
+        raise ScenarioError("belongs to the course system")
     canvas = None if stat.S_ISDIR(mode) else CANVAS_NAME.fullmatch(name)
     if systems := MOODLE_NAME.fullmatch(name) or canvas:
         full = unicodedata.normalize("NFC", systems["student"]).strip()
@@ -211,7 +211,7 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
         return _name(name)
     nobodys = name.casefold() in {about.file.casefold(), RIG_FILE}
     if nobodys and _name(path.stem) not in people and stat.S_ISREG(mode):
-        raise ScenarioError("names no student: a folder or a file has its student's name")
+        raise ScenarioError("names no student: folders and files must have the student's name")
     alike = path.suffix.casefold() == Path(about.file).suffix.casefold()
     if alike or _name(path.stem) in people:
         return _name(path.stem)
@@ -246,7 +246,7 @@ def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submissi
         first = paths[0]
     problem = ""
     if links:
-        problem = "the entry is a link, which is not followed; hand in the file itself"
+        problem = "the entry is a link; hand in the file itself"
     elif folders and len(paths) > 1:
         names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED_FILES])
         problem = f"two submissions: {names}; keep one of them"

@@ -395,7 +395,9 @@ def picklable_reference(reference: Reference) -> tuple[Any, ...]:
             return PerRigReference, reference.members, reference._period
         case SampledReference():
             return SampledReference, reference.original, reference._period
-    raise ScenarioError("a lab's rigs must have one law: their designer knows different balls")
+    raise ScenarioError(
+        "a lab's rigs must have one law, but its design depends on the ball, which differs"
+    )
 
 
 def answer_class(kind: str, described: dict[str, Any], most: int) -> tuple[type, dict[str, Any]]:
@@ -429,7 +431,9 @@ def answering(
         ScenarioError: If the system cannot keep a process within limits, or has no such program.
     """
     if sys.platform == "win32":
-        raise ScenarioError("answers in Python are graded on Linux or macOS: no limits here")
+        raise ScenarioError(
+            "answers in Python are graded on Linux or macOS only; this system has no limits"
+        )
     from twin.lab import child  # noqa: PLC0415  not on Windows
 
     seconds, loading = about.seconds, limits.load_time(about.seconds)

@@ -209,7 +209,7 @@ class CheckTable(Checked):
         if self.full == self.none:
             raise ValueError("full, none: must differ; points go along the line between them")
         if not self.metric and (self.limit is not None or self.against):
-            raise ValueError("metric: missing; limit and against are about one")
+            raise ValueError("metric: missing; limit and against need it")
         if self.metric and self.number:
             raise ValueError("metric, number: give one of them")
         if self.number and self.truth is None and self.judge != "width":
@@ -495,7 +495,7 @@ def reload_deal(lab: Lab, folder: Path, key: str | None, student: str | None = N
     found = deal(lab, handed.student, own_key, handed.code)
     if found.code != handed.code:
         raise ScenarioError(
-            f"{RIG_FILE}: code: the course's key deals {handed.student} a different rig; "
+            f"{RIG_FILE}: code: the course's key draws a different rig for {handed.student}; "
             "is it the key of this course?"
         )
     return found._replace(true=handed.practice or key is not None)

@@ -202,7 +202,7 @@ def check_plan(seconds: float, choice: RigChoice, names: tuple[str, ...]) -> tup
     """
     asked = tuple(each for each in names if each not in HIDDEN_PARAMETERS)
     if not asked:
-        raise ScenarioError(f"parameters: no motion shows {', '.join(names)}")
+        raise ScenarioError(f"parameters: cannot be forecast: {', '.join(names)}")
     if not MIN_SECONDS <= seconds <= MAX_SECONDS:
         raise ScenarioError(f"seconds: must be {MIN_SECONDS:g} to {MAX_SECONDS:g}, got {seconds:g}")
     if not 0 <= choice.rigs <= MAX_RIGS:

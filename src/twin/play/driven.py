@@ -360,7 +360,7 @@ def _of_now(scenario: Scenario, why: str, *, goal: bool = False) -> None:
     if not drivable(laws[kind], goal=goal):
         known = ", ".join(name for name, law in laws.items() if drivable(law, goal=goal))
         raise ScenarioError(
-            f"controller.kind: '{kind}' plans on a path known ahead, which {why}; "
+            f"controller.kind: '{kind}' needs a path that is known ahead, which {why}; "
             f"choose another (known: {known})"
         )
 

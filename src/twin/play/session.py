@@ -369,7 +369,7 @@ class Session:
     def _save(self, folder: Path) -> None:
         """Have what was driven so far written."""
         if not self.record.length:
-            raise TwinError("nothing was driven yet")
+            raise TwinError("the run has not started yet")
         end = self.record.end
         self._write(
             Part(

@@ -420,7 +420,9 @@ def changing(
     for stage in changes.stages():
         balls = {(each.plant.ball.mass, each.plant.ball.inertia) for each in stage}
         if len(balls) > 1 and stage[0].plant.kind == "lagrange":
-            raise ScenarioError("change: plant.ball: rigs on the exact equations have one ball")
+            raise ScenarioError(
+                "change: plant.ball: on the exact equations all rigs of a batch have one ball"
+            )
         PLANTS[stage[0].plant.kind].foresee(devices.plant, stage)
     return changes
 
@@ -474,8 +476,8 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
         each.controller.computing_time == MEASURED_TIME for each in scenarios
     ):
         raise ScenarioError(
-            "controller.computing_time: 'measured' is for a run by itself, as rigs side by side "
-            "share their computer; give seconds"
+            "controller.computing_time: 'measured' works for a single run only, as the rigs of a "
+            "batch share their computer; give seconds"
         )
     laws = _each(scenarios, [law_of(each) for each in scenarios], build_law)
     estimation = [each.model_dump_json(include={"observer", "predictor"}) for each in scenarios]
@@ -514,7 +516,7 @@ def _board(scenario: Scenario) -> Board:
     from twin.board.controller import Board  # noqa: PLC0415  loaded when needed
 
     if scenario.board is None:
-        raise ScenarioError("board: rigs that run side by side all have one, or none has")
+        raise ScenarioError("board: either all rigs of a batch have a board, or none")
     return Board(**dict(scenario.board), control=partial(control_of, scenario))
 
 
@@ -590,7 +592,7 @@ def _observer(scenario: Scenario) -> Observer:
     if issubclass(choices("observer")[choice.kind], DelayedObserver):
         if predictor is not None and predictor.kind is not None:
             raise ScenarioError(
-                f"predictor.kind: observer '{choice.kind}' makes up for the dead time itself; "
+                f"predictor.kind: observer '{choice.kind}' compensates the dead time itself; "
                 "leave kind out, predictor.delay then goes to the observer"
             )
         given |= {"delay": delay, "needed": build_law(scenario).needs}
@@ -617,7 +619,7 @@ def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Ref
         reference: Reference = _build("reference", scenario.reference)
         motion: Array = reference(times)
     if not np.isfinite(motion).all():
-        raise ScenarioError("reference: it or a derivative of it is no finite number at some time")
+        raise ScenarioError("reference: the path or a derivative of it is not finite at some time")
     if scenario.plant.axes == 1 and motion[..., 1].any():
         reference, motion = AlongX(reference), motion * ALONG_X
     farthest = np.abs(motion[0]).max(axis=0)

@@ -255,7 +255,7 @@ def log_of_trace(
     sync = np.asarray(conversation.sync)
     torque = np.flatnonzero((carried(0x6041).astype(int) & 0x6F == 0x27).all(axis=1))
     if len(torque) < 2:
-        raise LogError("at no two SYNCs of the trace both drives have torque")
+        raise LogError("the trace has no two SYNCs at which both drives have torque")
     sync = sync[torque[0] : torque[-1] + 1]
     plate, motor = carried(None), carried(0x6064)
     plate += home - plate[0]
@@ -285,14 +285,14 @@ def log_of_trace(
     seen = {name: values[known_time] for name, values in seen.items()}
     when = seen["time"]
     if (np.diff(when) < 0).any():
-        raise LogError(f"{touch.name}: time goes back: from one row to the next it must not")
+        raise LogError(f"{touch.name}: time must increase from row to row")
     if len(when) and abs(when[0] - conversation.begin) < abs(when[0]):
         when = when - conversation.begin
     newest = np.searchsorted(when, sync, side="right") - 1
     age = sync - when[newest] if len(when) else np.full(len(sync), np.inf)
     there = (newest >= 0) & (age < TOUCH_TIMEOUT_S)
     if not there.any():
-        raise LogError(f"{touch.name}: has no row from the time in which the drives have torque")
+        raise LogError(f"{touch.name}: has no row while the drives have torque")
     for name in tuple(TOUCH_COLUMNS)[1:]:
         rows[name] = np.where(there, seen[name][newest], np.nan)
     return {"time": sync - sync[0], "age": np.where(there, age, 0.0), **rows}

@@ -180,7 +180,9 @@ def record_of(path: Path) -> Path:
     if len(inner) == 1:
         return record_in(inner[0])
     if inner:
-        raise RecordError(f"{path}: holds {len(inner)} runs; give one of them, as in {inner[0]}")
+        raise RecordError(
+            f"{path}: contains {len(inner)} runs; give one of them, such as {inner[0]}"
+        )
     return record_in(path)
 
 
@@ -293,7 +295,7 @@ def log_file(path: Path) -> Path:
     if path.is_dir() and not run_folders(path):
         bags = sorted(each for each in path.iterdir() if each.suffix in BAG_SUFFIXES)
     if len(bags) > 1:
-        raise LogError(f"{path}: a bag of {len(bags)} files; give one of them, as in {bags[0]}")
+        raise LogError(f"{path}: a bag of {len(bags)} files; give one of them, such as {bags[0]}")
     file = bags[0] if bags else record_of(path)
     if not file.is_file():
         raise LogError(f"log {file}: not found; give a run.parquet, its folder, or a CSV file")
@@ -361,9 +363,7 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
     write = WRITERS.get(path.suffix)
     if write is None:
         known, moves = ", ".join(WRITERS), ", ".join(FILM_SUFFIXES)
-        raise RecordError(
-            f"{path}: the format follows the ending; known: {known}, moving pictures: {moves}"
-        )
+        raise RecordError(f"{path}: unknown ending; known: {known}, moving pictures: {moves}")
     write_whole(path, lambda target: write(target, columns, units, about or {}))
 
 

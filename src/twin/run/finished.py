@@ -600,7 +600,7 @@ def open_run(path: Path) -> list[Run]:
         if not isinstance(details[key], kind):
             raise RecordError(f"{file}: metadata 'ballplate': {key}: is damaged")
     if "reference" in absent and "reference_x" not in values:
-        raise RecordError(f"{absent['reference']}; where it led is not in the record")
+        raise RecordError(f"{absent['reference']}; the record does not contain its path")
     _check_rows(values, str(file))
     run = Run(
         file.resolve().parent.name if files.is_record(file) else file.stem,
@@ -740,5 +740,5 @@ def _records(paths: tuple[Path, ...]) -> list[Path]:
         ):
             found.append(path)
     if not found:
-        raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")
+        raise RecordError(f"{paths[0]}: not a run; give run folders, such as runs/circle")
     return list({realpath(path): path for path in reversed(found)}.values())[::-1]

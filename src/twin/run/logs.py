@@ -174,7 +174,7 @@ def _read_table(
     try:
         return columns, json.loads((schema.metadata or {}).get(b"ballplate", b"{}"))
     except (ValueError, RecursionError):
-        raise LogError(f"{path.name}: its metadata is of no run") from None
+        raise LogError(f"{path.name}: its metadata does not describe a run") from None
 
 
 def scale(name: str, unit: str | None, known: str, source: str) -> float:

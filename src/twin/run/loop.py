@@ -328,7 +328,9 @@ def refuse_faults(scenarios: Sequence[Scenario]) -> None:
         ScenarioError: If one of them has any.
     """
     if any(each.fault for each in scenarios):
-        raise ScenarioError("[[fault]]: only the virtual rig has faults; run it on --rig emulated")
+        raise ScenarioError(
+            "[[fault]]: only the virtual rig can inject faults; run it on --rig emulated"
+        )
 
 
 def is_foreign(scenario: Scenario) -> bool:

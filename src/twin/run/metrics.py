@@ -174,7 +174,7 @@ def measure(
         motion: What the run did.
         outcome: How it ended.
         start: Time in s from which steady tracking is evaluated.
-        band_percent: Settling band in % of the way to a constant goal.
+        band_percent: Settling band in % of the distance to a constant goal.
         axes: Number of axes of the rig; of 1 nothing is indicated of the second.
 
     Returns:

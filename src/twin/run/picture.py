@@ -35,6 +35,8 @@ MARKED_PANELS = ("x", "y", "error")
 STRIP_STYLE: Any = {"alpha": 0.6, "linewidth": 0}
 STRIP_HEIGHT = 0.035
 """Height of a strip as a share of a panel's."""
+MAX_NAMED_SHARES = 3
+"""Runs that the legend names with their share of the time."""
 NEUTRAL_GREY = "0.5"
 """Colour of the legend's entry for several runs, each of which has bands in its own."""
 
@@ -47,18 +49,27 @@ def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Seque
         runs: Label to motion.
         colours: Of the runs, again from the first when they are used up.
     """
-    shares = []
-    for index, motion in enumerate(runs.values()):
+    shares: dict[str, float] = {}
+    for index, (label, motion) in enumerate(runs.items()):
         if motion.held is None or not motion.held.any():
             continue
-        shares.append(f"{100 * float(motion.held.mean()):.1f}")
+        shares[label] = 100 * float(motion.held.mean())
         look = {"where": motion.held, "facecolor": colours[index % len(colours)], **STRIP_STYLE}
         for panel in (panels[name] for name in MARKED_PANELS):
             across = panel.get_xaxis_transform()
             panel.fill_between(motion.time, 0, STRIP_HEIGHT, transform=across, **look)
     if shares:
-        words = f"held by friction, {' and '.join(dict.fromkeys(shares))} % of the time"
+        words = f"held by friction, {_of_time(shares)} of the time"
         panels["plate"].fill_between([], [], [], label=words, facecolor=NEUTRAL_GREY, **STRIP_STYLE)
+
+
+def _of_time(shares: Mapping[str, float]) -> str:
+    """Shares of the time in %: of one run, of each of a few, or from the least to the largest."""
+    if len(shares) == 1:
+        return f"{next(iter(shares.values())):.1f} %"
+    if len(shares) <= MAX_NAMED_SHARES:
+        return ", ".join(f"{literal(label)} {share:.1f} %" for label, share in shares.items())
+    return f"{min(shares.values()):.1f} to {max(shares.values()):.1f} %"
 
 
 # Okabe and Ito's colours, distinct with any colour vision; their orange darker and indigo for
@@ -441,10 +452,13 @@ def _add(
     plate = np.degrees(motion.plate)
     other: dict[str, Any] = {**look, **SECOND_AXIS_STYLE}
     panels["angle"].plot(motion.time, plate[:, 0], **look)
-    panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, "linewidth": 0.8})
+    # the larger the effort, the further behind: a noisy command would hide all others
+    usual = float(np.median(np.abs(np.nan_to_num(motion.u))))
+    effort = {"linewidth": 0.8, "zorder": 2 + 1 / (1 + usual)}
+    panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, **effort})
     if axes == 2:
         panels["angle"].plot(motion.time, plate[:, 1], **other)
-        panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, "linewidth": 0.8})
+        panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, **effort})
 
 
 def _label(panels: Mapping[str, Axes], plate: Dimensions) -> None:

@@ -186,7 +186,7 @@ def _array(file: Any, size: int) -> NDArray[Any]:
     if kind.hasobject:
         raise ValueError("holds Python objects, which are not unpickled")
     if math.prod(shape) * kind.itemsize > size:
-        raise ValueError(f"is cut: its header promises an array of {shape}")
+        raise ValueError(f"is incomplete: its header states an array of {shape}")
     file.seek(0)
     return np.lib.format.read_array(file, allow_pickle=False)
 

@@ -355,7 +355,7 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     try:
         table = read_table(file, wanted)
     except FileNotFoundError as error:
-        raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
+        raise RecordError(f"{file}: no such record; a run folder contains run.parquet") from error
     except DamagedError as error:
         raise RecordError(f"{file}: {error}") from error
     except unreadable_errors() as error:

@@ -117,7 +117,7 @@ def restore(thing: Any, node: InPlace) -> None:
         if name != type(thing).__name__:
             own = type(thing).__name__
             raise SnapshotError(
-                f"the snapshot is not of such a rig: it has {name} where this rig has {own}"
+                f"the snapshot belongs to another kind of rig: it has {name}, this rig has {own}"
             )
     try:
         if kind == "rng":
@@ -132,7 +132,7 @@ def restore(thing: Any, node: InPlace) -> None:
     except SnapshotError:  # of something within
         raise
     except (AttributeError, LookupError, TypeError, ValueError) as error:
-        raise SnapshotError(f"the snapshot is not of such a rig: {error}") from error
+        raise SnapshotError(f"the snapshot belongs to another kind of rig: {error}") from error
 
 
 def _like(present: Any, value: Any) -> Any:

@@ -761,7 +761,7 @@ def choose_cases(words: Sequence[str]) -> list[int]:
         }
         if not found or not wanted:
             raise ScenarioError(
-                f"--only '{text:.80}': no fault or condition has these words; "
+                f"--only '{text:.80}': no fault or condition contains these words; "
                 "`ballplate safety --list` lists all"
             )
         chosen |= found

@@ -74,9 +74,9 @@ class RigFile(Section):
                 raise ValueError(f"{names}: a rig with a backend has none of these")
             return self
         if self.touch is None:
-            raise ValueError("touch is missing: a rig has a touch screen, or a backend")
+            raise ValueError("touch is missing: a rig needs a touch screen or a backend")
         if "own" in self.model_fields_set:
-            raise ValueError("own is for hardware of one's own; it needs backend = 'FILE.py:CLASS'")
+            raise ValueError("own: describes your own hardware; it needs backend = 'FILE.py:CLASS'")
         name = self.kinds["drives"].name
         if self.has_akd:
             self.servos(LONGEST_PERIOD)
@@ -179,7 +179,7 @@ class RigFile(Section):
         self._on_the_wire("touch")
         assert self.touch is not None
         if None not in (self.touch.calibration, self.touch.calibration_file):
-            raise ScenarioError("touch: calibration or calibration_file; both cannot hold")
+            raise ScenarioError("touch: give calibration or calibration_file, not both")
         return self.touch
 
     def screen(self) -> LumioConfig:

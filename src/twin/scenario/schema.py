@@ -104,7 +104,7 @@ class Change(Section):
         for key in self.set:
             if key not in RAMP_KEYS + JUMP_KEYS:
                 return (
-                    f"{key}: cannot change while a plant runs (what can: "
+                    f"{key}: cannot change during a run (allowed: "
                     f"{', '.join(RAMP_KEYS + JUMP_KEYS)})"
                 )
             if self.over and key in JUMP_KEYS:
@@ -249,7 +249,7 @@ SHAPE_OF_PLATE = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=GIVEN,
-    explain="compares no builds of a rig",
+    explain="compares runs of one build of the rig",
     identify="fits samples from the screen, whatever its shape",
     symbols="bound the ball by the operating area",
 )
@@ -276,8 +276,8 @@ NUMBER_OF_AXES = dataclasses.replace(
 HELD_NOISE = dataclasses.replace(
     SHAPE_OF_PLATE,
     source=FREE,
-    explain="switches the noise off and not how long a draw of it holds",
-    identify="takes each sample as it came, with noise that it estimates",
+    explain="switches the noise off, not its hold time",
+    identify="takes the samples as recorded and estimates their noise",
     symbols="measure y without errors",
 )
 
@@ -460,7 +460,7 @@ class _Rig(Section):
     """The calibrated table over both plate angles, which of a linkage is all its lengths, one table
     per axis, or a plain ratio."""
     plate_lag: Annotated[float, Field(ge=0, le=2)] = 0.0
-    """Time constant in s with which the plate follows its command, as law and observer believe."""
+    """Time constant in s with which the plate follows its command, as law and observer assume."""
 
 
 class _Touch(Section):
@@ -480,7 +480,7 @@ class _Sensors(Section):
     ideal: bool = False
     """Whether the full true state is measured instead."""
     noise_hold: Annotated[float, Field(ge=0), HELD_NOISE] = 0.0
-    """Time in s for which one draw of the noise holds; 0 for a new one every control period."""
+    """Time in s for which one draw of the noise is held; 0 for a new one every control period."""
 
 
 RIG_CLASSES = (*PLANT_CLASSES, TouchModel, EncoderModel, TransmissionError, Limits)
@@ -591,10 +591,10 @@ class MetricsTable(Section):
     """How a run is evaluated."""
 
     start: NotNegative = 0.0
-    """Time in s from which steady tracking is evaluated. A run that ``duration`` cuts short of it
-    is evaluated from the same share of itself."""
+    """Time in s from which steady tracking is evaluated. A run with a shorter ``duration`` is
+    evaluated from the same share of it."""
     band_percent: Annotated[float, Field(gt=0, lt=100)] = 5.0
-    """Settling band in % of the way to a constant goal."""
+    """Settling band in % of the distance to a constant goal."""
 
 
 class Choice(BaseModel):
@@ -665,22 +665,22 @@ class Predictor(Section):
     """What makes up for the dead time; a scenario without the table has nothing that does."""
 
     kind: Literal["smith"] | None = None
-    """The Smith predictor. Without a name it is the same, but for an observer that makes up for the
-    dead time itself."""
+    """The Smith predictor, which is also the default, except for an observer that compensates
+    the dead time itself."""
     delay: Annotated[float, Field(ge=0, le=1)] = 0.042
     """Dead time in s that it, or such an observer, assumes."""
     wait: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Mean time in s from frame to use, which the Smith predictor assumes besides; such an observer
-    knows how old each frame is."""
+    """Mean time in s from frame to use, which the Smith predictor assumes in addition; such an
+    observer knows the age of each frame."""
 
 
 class Board(Section):
     """The processor that has the controller; without the table Python has it."""
 
     program: str = "cortex-m4"
-    """What has the controller: cortex-m4 for its C code on an emulated Cortex-M4F, host for its C
-    code on this computer, or the file of a program, an .elf for that emulated processor and any
-    other for this computer."""
+    """What runs the controller: cortex-m4 for its C code on an emulated Cortex-M4F, host for its
+    C code on this computer, or the file of a program, an .elf for that emulated processor and
+    any other for this computer."""
     real: Literal["float", "double"] = "float"
     """Type of the numbers in its C code."""
     clock_hz: Positive | None = None
@@ -688,11 +688,11 @@ class Board(Section):
     takes none. A command that takes longer than rig.period is applied that many periods later; the
     plate rate before is held meanwhile."""
     cycles_per_instruction: tuple[Positive, Positive] = (1.1, 2.2)
-    """Least and most clock cycles that an instruction takes on average, by default those of a
-    Cortex-M4F without wait states; the computing time is that of the most."""
+    """Minimum and maximum clock cycles of an average instruction, by default those of a
+    Cortex-M4F without wait states; the computing time uses the maximum."""
     time_limit: Positive = 10.0
-    """Longest time in s that the program may take for an answer, of this computer's time; on a rig
-    in real time at most 0.04."""
+    """Maximum time in s that the program may take for an answer, of this computer's time; on a
+    rig in real time at most 0.04."""
 
     def problem(self) -> str:
         """What is wrong with it as a whole, in one line; empty if nothing is."""
@@ -733,15 +733,15 @@ class Scenario(Section):
     """One experiment: a plant, its sensors, a controller, a reference, and for how long."""
 
     title: str
-    """What tables, pictures and reports call it."""
+    """Title in tables, pictures and reports."""
     duration: Positive
-    """How long it runs, in s."""
+    """Duration of the run, in s."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of the noise: the same seed gives the same run to the last bit."""
     baseline: bool = False
     """Whether `ballplate run` also runs the clean model, to compare with."""
     rehearsed: bool = False
-    """Whether a rig of a rig file runs it only after its twin has kept the ball."""
+    """Whether a rig runs it only after the twin has kept the ball in a rehearsal."""
     change: tuple[Change, ...] = ()
     """Changes of the rig while it runs: each table gives the time (at), its duration
     (over, 0 for at once) and the new values by their quoted keys (set)."""

@@ -244,7 +244,7 @@ class Follower:
         parts = [each.between(since - LEAD_IN, np.inf) for each in log.segments]
         parts = [each for each in parts if len(each.sampled) > 20 and each.length > LEAD_IN / 2]
         if not parts:
-            raise LogError(f"{log.source}: nothing usable of late")
+            raise LogError(f"{log.source}: no usable rows in the last seconds")
         return replace(log, segments=tuple(parts))
 
     def _replay(self, log: PreparedLog, until: float) -> None:

@@ -161,8 +161,8 @@ def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> L
     A = T @ A @ np.linalg.inv(T)
     if np.abs(A[:n, n:]).max() > LEAST_LEAK:
         raise ModelError(
-            "mechanism: a ball that is oval or out of balance moves by its attitude: ball and "
-            "plate alone are no linear model of it"
+            "mechanism: the motion of a ball that is oval or out of balance depends on its "
+            "orientation: ball and plate alone are no linear model of it"
         )
     servos = [model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")]
     B = (T @ B)[:n, servos]

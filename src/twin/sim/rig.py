@@ -31,7 +31,7 @@ SERVO_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    identify="has the plate's angles from its encoders, and finds of the drives their lag alone",
+    identify="takes the plate's angles from the encoders and fits only the lag of the drives",
     symbols="have the plate's acceleration as their input",
 )
 POSITION_FOLLOWERS = SERVO_FOLLOWERS.by("position_servo")
@@ -401,8 +401,8 @@ class DriveModel:
         resonance_damping: Its damping ratio.
         vibration: Amplitude in rad/s^2 of a vibration of both plate axes, a quarter turn apart.
         vibration_frequency: Its frequency in Hz.
-        vibration_wander: Time in s in which it forgets its phase and size, random about its
-            frequency and of the same rms; 0 for a steady one.
+        vibration_wander: Correlation time in s of its phase and size, which vary at random at
+            the same rms; 0 for a steady vibration.
         disturbance: Variances of white plate accelerations that are added to the commanded ones,
             for phi and theta, (rad/s^2)^2. None by default: what Table B.1 calls so, 1.0816e-4 and
             2.8090e-5, are control efforts recorded at rest (Fig. B.3), in size a controller's own

@@ -123,7 +123,7 @@ ENCODER_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    identify="takes each sample as it came, with noise that it estimates",
+    identify="takes the samples as recorded and estimates their noise",
     symbols="measure y without errors",
 )
 
@@ -196,7 +196,7 @@ FRAME_FOLLOWERS = SCREEN_FOLLOWERS.by("frames")
 DELAY_FOLLOWERS = replace(SCREEN_FOLLOWERS, identify=FREE, symbols=GIVEN)
 SIZE_FOLLOWERS = replace(
     SCREEN_FOLLOWERS,
-    explain="compares no builds of a rig",
+    explain="compares runs of one build of the rig",
     identify="fits samples from the screen, however large it is",
     symbols="bound the ball by the operating area",
 )
@@ -210,17 +210,17 @@ class TouchModel:
 
     Attributes:
         size: Sides of the screen along x and y, in m; a ball beyond them has left the plate.
-        dead_time: From a touch to its arrival, in s.
+        dead_time: Time from a touch to its arrival, in s.
         frame_rate: Frames a second, in Hz; 0 for a fresh sample every control period.
-        grid: Positions the screen tells apart along each of its sides.
+        grid: Number of positions that the screen resolves along each of its sides.
         variance: Noise variance of x and y in m^2; Table B.1.
         spread: Standard deviation in s of the dead time from sample to sample; Table 7.2 has
             0.00187.
         jitter: Standard deviation in s of when a frame is taken, and so arrives, about its clock;
             at most half a frame either way. Without frames it does nothing.
         lost: Share of the frames that never arrive, each by itself. Without frames it does nothing.
-        hidden: Where the ball is not seen: least x and y, largest x and y of a rectangle of the
-            plate, m; none where the largest are not larger.
+        hidden: Rectangle of the plate in which the ball is not seen: minimum x and y, maximum
+            x and y, m; none if the maxima are not larger.
         rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 

@@ -202,7 +202,7 @@ def _read(path: Path) -> pa.Table:
         raise RecordError(f"{path}: not a readable chunk; delete it: {one_line(error)}") from error
     if table.schema != ROW_SCHEMA or table["key"].null_count or table["outcome"].null_count:
         raise RecordError(
-            f"{path}: of another version, or damaged; delete it, or take another --out"
+            f"{path}: from another version, or damaged; delete it, or give another --out"
         )
     return table
 

@@ -480,12 +480,12 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
         lost = any(each.whole.failed for each in found)
         how = "; a failed run is worse than any other" if lost else ""
         words.append(f"By the median of {metric}, best first{how}: {', '.join(few)}.")
-    words += _importance(found, metric)
+    words += _importance(study, found, metric)
     for answer in found:
         if answer.whole.failed:
             words.append(
-                f"{answer.variant}: {answer.whole.failed} of {answer.whole.runs} runs did not end "
-                "well; they are kept out of the averages."
+                f"{answer.variant}: {answer.whole.failed} of {answer.whole.runs} runs did not "
+                "finish; its median and quantiles leave them out."
             )
         words += [f"{answer.variant}: {note}." for note in answer.notes]
     return words or ["All runs finished; see the curves."]
@@ -496,9 +496,10 @@ def in_order(found: Sequence[Answer]) -> list[Answer]:
     return sorted(found, key=lambda each: np.median(np.nan_to_num(each.values, nan=math.inf)))
 
 
-def _importance(found: Sequence[Answer], metric: str) -> list[str]:
+def _importance(study: Study, found: Sequence[Answer], metric: str) -> list[str]:
     """The parameters that matter, and to which variants; of one variant, how much."""
     one, names = len(found) == 1, dict[str, list[str]]()
+    index_name = REPORT_WORDS["names"].get(study.method, ("",))[0]
     for answer in found:
         for index in sorted(answer.indices, key=lambda each: -abs(each.value)):
             own = names.setdefault(index.key, [])
@@ -508,7 +509,7 @@ def _importance(found: Sequence[Answer], metric: str) -> list[str]:
     for key, who in sorted(names.items(), key=lambda item: -len(item[1])):
         if who:
             variants = "all variants" if 1 < len(who) == len(found) else ", ".join(who)
-            words.append(f"{key} matters to {metric}{': ' if one else ' for '}{variants}.")
+            words.append(f"{key} affects {metric}{f': {index_name}' if one else ' of'} {variants}.")
     every = [index for answer in found for index in answer.indices if not names[index.key]]
     undecided = list(dict.fromkeys(index.key for index in every if not index.negligible))
     negligible = list(dict.fromkeys(index.key for index in every if index.key not in undecided))
@@ -568,10 +569,12 @@ def what_ran(work: Work) -> str:
     """Description of the runs."""
     study = work.study
     steps = " and ".join(f"{1000 * step:g}" for step in sorted(work.steps))
+    seeds, variants = study.seeds, len(study.compared)
     return (
         f"Scenario {study.scenario} ({', '.join(study.set) or 'as it is'}), method {study.method}: "
-        f"{len(work.design)} points, {study.seeds} seeds, {len(study.compared)} variants, "
-        f"{len(work.tasks)} runs. Every variant had the same points and the same noise. "
+        f"{len(work.design)} points, {seeds} seed{'s' * (seeds > 1)}, "
+        f"{variants} variant{'s' * (variants > 1)}, {len(work.tasks)} runs. "
+        f"{'Every variant had the same points and the same noise. ' * (variants > 1)}"
         f"Physics step {steps} ms; docs/performance.md has the error of 2 ms."
         f"{ENGINE_SENTENCES[study.engine]}"
     )

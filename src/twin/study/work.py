@@ -193,7 +193,7 @@ class Builder:
         """New value of a key: a number, or a list with one of its numbers changed."""
         old = self._part(key, whole, at)
         if relative and not isinstance(old, int | float):
-            raise ScenarioError(f"{self._source}: {key}: no number to take a part of, but {old!r}")
+            raise ScenarioError(f"{self._source}: {key}: relative needs a number, got {old!r}")
         new = value * old if relative else value
         return new if at is None else [*whole[:at], new, *whole[at + 1 :]]
 

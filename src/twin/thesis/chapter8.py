@@ -10,6 +10,7 @@ dead time and held noise together by RK4 at 10 ms.
 from __future__ import annotations
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -596,13 +597,21 @@ def format_computed(value: Value | None) -> str:
 
 
 def lines(cells: Iterable[ThesisCell]) -> tuple[list[tuple[str, ...]], list[str]]:
-    """A table's cells under ``HEADINGS``, each row named once, and the numbered notes."""
-    numbers: dict[str, int] = {}
+    """A table's cells under ``HEADINGS``, each row named once, and the numbered notes.
+
+    Notes that differ only in the value of a fitted reading are one note, with the values in the
+    order of the cells.
+    """
+    notes: dict[str, list[str]] = {}
     found: list[tuple[str, ...]] = []
     last = ""
     for cell in cells:
         off = cell.deviation_percent
-        note = f"[{numbers.setdefault(cell.note, len(numbers) + 1)}]" if cell.note else ""
+        mark = cell.mark
+        if cell.note:
+            text, *values = split_note(cell.note)
+            notes.setdefault(text, []).extend(values)
+            mark = f"{mark} [{list(notes).index(text) + 1}]"
         found.append(
             (
                 "" if cell.row == last else cell.row,
@@ -610,11 +619,23 @@ def lines(cells: Iterable[ThesisCell]) -> tuple[list[tuple[str, ...]], list[str]
                 f"{cell.thesis:.5g}",
                 *(format_computed(getattr(cell, way)) for way in COMPUTED_WAYS),
                 "-" if off is None else f"{off:+.1f} %",
-                f"{cell.mark} {note}".strip(),
+                mark.strip(),
             )
         )
         last = cell.row
-    return found, [f"[{number}] {note}" for note, number in numbers.items()]
+    numbered = enumerate(notes.items(), start=1)
+    return found, [f"[{number}] {join_note(text, values)}" for number, (text, values) in numbered]
+
+
+def split_note(note: str) -> list[str]:
+    """The text of a note and, if it ends with the value of a fitted reading, that value."""
+    found = re.fullmatch(r"(.*Exact with [^:]*): ([^ ]+(?: \([^)]*\))?)\.", note)
+    return [found[1], found[2]] if found else [note]
+
+
+def join_note(text: str, values: Sequence[str]) -> str:
+    """A note with its values."""
+    return f"{text}: {', '.join(values)}." if values else text
 
 
 def summary(cells: Sequence[ThesisCell]) -> dict[str, Any]:

@@ -148,7 +148,7 @@ class FitTable(Checked):
         count = sum(len(each.measured) for each in self.experiments)
         if count < len(self.parameters):
             raise ValueError(
-                f"experiments: {count} measured indicators cannot tell "
+                f"experiments: {count} measured indicators cannot determine "
                 f"{len(self.parameters)} parameters; give at least as many"
             )
         labels = [each.label for each in self.experiments]

@@ -179,7 +179,7 @@ def _tables(path: Path, *before: Path) -> dict[str, Any]:
         return own
     file = chosen(f"{path.name}: like: tune", other, shipped_in("tunes"))
     if file.resolve() in (line := (*before, path.resolve())):
-        raise ScenarioError(f"{path.name}: like: '{other}' is like this one itself")
+        raise ScenarioError(f"{path.name}: like: '{other}' refers to itself")
     return _tables(file, *line) | own
 
 
@@ -336,7 +336,9 @@ class Trials:
         try:
             found |= zip(ready, spread(_loop, ready.values()), strict=True)
         except BrokenExecutor as error:
-            raise TwinError("a process was killed; is there enough memory?") from error
+            raise TwinError(
+                "a process was killed, perhaps for lack of memory; use fewer processes"
+            ) from error
         return [found[place] for place in range(len(candidates))]
 
     def indicators(
@@ -403,7 +405,9 @@ class Trials:
                 inside = number and about.ends[0] <= value <= about.ends[1]
             if not inside:
                 known = (", " if about.values else " to ").join(map(str, among))
-                raise ScenarioError(f"fields.{key}: it begins as {value!r}, not among {known}")
+                raise ScenarioError(
+                    f"fields.{key}: its first value {value!r} must be one of {known}"
+                )
             found[key] = value
         return found
 

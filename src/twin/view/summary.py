@@ -285,7 +285,8 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
         if found.rms > SMALL_ERROR_M:
             facts.append(
                 f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
-                f"{abs(1 - found.gain):.1%} {size}, without which {_mm(found.rest)} would be left"
+                f"{100 * abs(1 - found.gain):.1f} % {size}; apart from these two the error is "
+                f"{_mm(found.rest)}"
             )
     elif (
         found.lag is None
@@ -326,7 +327,7 @@ def _describe_shaped_reference(run: Run) -> list[str]:
     away = np.nanmax(np.hypot(*(laid - run.followed(time)[0]).T))
     seconds = np.isfinite(laid[:, 0]).mean() * (time[-1] - time[0])
     return [
-        f"the plate cannot give this reference: the path laid instead was up to {_mm(away)} away "
+        f"the plate cannot give this reference: the planned path was up to {_mm(away)} away "
         f"from it, for {seconds:.3g} s in all"
     ]
 

@@ -341,7 +341,7 @@ def make_replayable(
             raise RecordError(f"--at {at:g}: {log.source} has a gap from {begin:g} to {end:g} s")
     if not np.isfinite(path(np.array([at]), samples, fit)[0]).all():
         raise RecordError(
-            f"--at {at:g}: {log.source}: the ball is not seen often enough about then"
+            f"--at {at:g}: {log.source}: the ball is not seen often enough around this time"
         )
     felt = kept.touched & np.isfinite(kept.ball).all(axis=1)
     held = np.maximum.accumulate(np.where(felt, np.arange(len(felt)), np.argmax(felt)))
@@ -501,7 +501,7 @@ def branch(scenario: Scenario, at: float, end: float, settings: Sequence[str]) -
     for key in values:
         if key not in plant and not key.startswith(CONTROL_KEY_PREFIXES):
             raise ScenarioError(
-                f"--set {key}: cannot change while a plant runs (what can: "
+                f"--set {key}: cannot change during a run (allowed: "
                 f"{', '.join(f'{begin}*' for begin in CONTROL_KEY_PREFIXES)}, "
                 f"{', '.join(RAMP_KEYS + JUMP_KEYS)})"
             )
@@ -649,7 +649,7 @@ def moment_of(
     """
     if _is_log(path) or (columns is not None and not is_record(path)):
         if scenario is None:
-            raise RecordError(f"{path}: a log does not state what ran; give --scenario NAME")
+            raise RecordError(f"{path}: a log does not state its scenario; give --scenario NAME")
         chosen = load(scenario, settings)
         at = _nearest(at, chosen)
         if columns is None:
@@ -661,12 +661,12 @@ def moment_of(
     options = {"scenario": scenario, "on": settings, "columns": columns}
     if given := [name for name, value in options.items() if value]:
         raise RecordError(
-            f"--{given[0]}: {path} is a record and states itself what ran; leave it out"
+            f"--{given[0]}: {path} is a record, which states what ran; remove this option"
         )
     (run,) = open_run(path)
     file = record_of(path)
     if run.branch:
-        raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
+        raise RecordError(f"{file}: is itself a branch; give the run that it came from")
     run.require()
     at = _nearest(at, run.scenario)
     run = replace(run, scenario=run.controlled(at))
@@ -695,7 +695,7 @@ def _nearest(at: float, scenario: Scenario) -> float:
     """The beginning in s of the control period nearest to a time."""
     period = float(scenario.rig.period)
     if not math.isfinite(at):
-        raise RecordError(f"--at {at:g}: is no moment")
+        raise RecordError(f"--at {at:g}: must be a finite time in s")
     return period * round(at / period)
 
 

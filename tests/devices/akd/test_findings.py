@@ -908,4 +908,4 @@ def test_check_does_not_go_with_replay(tmp_path, capsys):
         writer.write(HEALTHY)
     code, _, err = called(capsys, "trace", tmp_path / "a.log", "--check", "--replay")
     assert code == 2
-    assert "--check: not with --replay" in err
+    assert "--check: not allowed with --replay" in err

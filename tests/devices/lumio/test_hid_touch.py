@@ -167,7 +167,9 @@ def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
 def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
     port, _ = hidraw("mouse")
     monkeypatch.setattr(settings, "touch_screens", lambda: ["/dev/hidraw3"])
-    with pytest.raises(ScreenError, match=r"is none; the touch screen is /dev/hidraw3$"):
+    with pytest.raises(
+        ScreenError, match=r"is not a touch screen; the touch screen is /dev/hidraw3$"
+    ):
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
 
 

@@ -419,7 +419,7 @@ def take_torque_away(remote: Remote) -> None:
     at rest with torque: then, and when it takes too long, the voltage is disabled.
 
     Raises:
-        DriveError: If the drive does not answer, keeps its torque, or does not come to rest.
+        DriveError: If the drive does not answer, keeps its torque, or does not stop.
     """
     remote.write(0x60FF, 0, 0)
     network = remote.network
@@ -438,7 +438,7 @@ def take_torque_away(remote: Remote) -> None:
     deadline = network.now() + _STANDSTILL_TIMEOUT_S
     while _measure_motion(remote) >= _STILL_MOTION_RAD:
         if network.now() > deadline:
-            raise remote.wrong("does not come to rest")
+            raise remote.wrong("does not stop")
 
 
 def _measure_motion(remote: Remote) -> float:

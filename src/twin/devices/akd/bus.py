@@ -92,7 +92,7 @@ class PromptSlcanBus(slcanBus):
         except OSError as error:
             raise CanOperationError(f"adapter cannot be written: {error}") from error
         if written < len(data):
-            raise CanOperationError("adapter takes no more bytes")
+            raise CanOperationError("the adapter accepts no more bytes")
 
     def shutdown(self) -> None:
         """Close the channel and the port; an adapter that was lost is only forgotten."""

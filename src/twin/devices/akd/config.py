@@ -227,7 +227,7 @@ class AkdConfig(DriveSettings):
         if self.watch.lag >= self.rate_limit:
             raise ScenarioError(
                 f"drives.watch.lag = {self.watch.lag}: must be below drives.rate_limit = "
-                f"{self.rate_limit}, or a motor that stands still would follow"
+                f"{self.rate_limit}; otherwise a motor at standstill counts as following"
             )
         if self.bus_load >= 1:
             raise ScenarioError(

@@ -193,7 +193,7 @@ class HidrawDevice(Transport):
         if layout is None:
             others = ", ".join(touch_screens())
             hint = f"; the touch screen is {others}" if others else ""
-            raise ScreenError(f"touch screen {self.port}: is none{hint}")
+            raise ScreenError(f"touch screen {self.port}: is not a touch screen{hint}")
         return HidDecoder(layout)
 
     def _open(self) -> int:
@@ -340,7 +340,7 @@ def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
     system = _system(seen)
     solution = np.linalg.lstsq(system, true, rcond=1e-6)[0]
     if min(np.linalg.matrix_rank(_system(each), rtol=1e-6) for each in (seen, true)) < 3:
-        raise CalibrationError("calibration: the points must not lie on one line")
+        raise CalibrationError("calibration: the points must not be on one line")
     (a, c), (b, d), origin = solution.tolist()
     calibration = Calibration(((a, b), (c, d)), (origin[0], origin[1]))
     return CalibrationFit(calibration, true, system @ solution - true)

@@ -171,16 +171,14 @@ ROLLING_FOLLOWERS = Followers(
     identify=FREE,
     symbols=FREE,
 )
-DWELL_FOLLOWERS = replace(
-    ROLLING_FOLLOWERS, symbols="have a contact of the settled age of its speed"
-)
+DWELL_FOLLOWERS = replace(ROLLING_FOLLOWERS, symbols="have the contact age of steady rolling")
 PRESLIDING_FOLLOWERS = replace(
     DWELL_FOLLOWERS, identify="stops a ball within one time", symbols="smooth friction over a speed"
 )
 SURFACE_FOLLOWERS = replace(
     ROLLING_FOLLOWERS,
     source=GIVEN,
-    identify="takes patches of the screen as unknown",
+    identify="treats differences along the screen as noise",
     symbols="have an even screen",
 ).by("surface")
 
@@ -295,9 +293,9 @@ class Friction:
     Attributes:
         rolling: Rolling resistance arm in m; a plate at rest tilted by less than
             arctan(arm / radius) holds the ball.
-        breakaway_ratio: Arm of a ball that has rested long, over the arm of a rolling one; >= 1.
-        stribeck_speed: Speed in m/s at which half of the surplus remains.
-        dwell_time: Time constant in s with which the surplus builds up at rest.
+        breakaway_ratio: Resistance arm after a long rest, relative to that of a rolling ball; >= 1.
+        stribeck_speed: Speed in m/s at which half of the additional breakaway friction remains.
+        dwell_time: Time constant in s with which the breakaway friction builds up at rest.
         viscous: Further arm per speed, m per m/s.
         presliding: Way in m over which the contact bends before it resists in full; 0
             for a ball that friction holds at once and entirely.

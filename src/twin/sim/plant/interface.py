@@ -23,9 +23,9 @@ START_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    explain="compares runs that begin alike",
+    explain="compares runs with the same start",
     identify="finds where the ball of each window begins",
-    symbols="have a state that begins anywhere",
+    symbols="leave the initial state open",
 )
 
 
@@ -178,16 +178,18 @@ BALL_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    explain="keeps the ball: its designer knows it, but for controller.model",
+    explain="keeps the ball, which the design knows unless controller.model differs",
     identify=GIVEN,
     symbols=FREE,
 )
-HEIGHT_FOLLOWERS = replace(BALL_FOLLOWERS, explain="compares no builds of a rig", symbols=GIVEN)
+HEIGHT_FOLLOWERS = replace(
+    BALL_FOLLOWERS, explain="compares runs of one build of the rig", symbols=GIVEN
+)
 LEVEL_FOLLOWERS = replace(BALL_FOLLOWERS, identify=FREE)
 UNEVEN_BALL_FOLLOWERS = replace(
     BALL_FOLLOWERS,
     equations="have a ball with its centre of mass in the middle",
-    source="has the exact equations alone",
+    source="has the exact equations only",
     identify="fits a ball that is round, in balance, and rolls",
     symbols="are the exact equations",
 )
@@ -202,7 +204,7 @@ WHEEL_FOLLOWERS = replace(
     identify="has no measurement that shows it",
     rods="a plate on rods has none",
 )
-STIFFNESS_FOLLOWERS = replace(WHEEL_FOLLOWERS, explain="compares no builds of a rig")
+STIFFNESS_FOLLOWERS = replace(WHEEL_FOLLOWERS, explain="compares runs of one build of the rig")
 SPRING_FOLLOWERS = replace(WHEEL_FOLLOWERS, equations="have no spring")
 PLATE_FOLLOWERS = replace(
     WHEEL_FOLLOWERS, equations="have a plate that follows its command exactly", rods=""
@@ -232,10 +234,10 @@ class Parts:
         preload: Tension of the spring at level, N.
         torque: Largest torque of a motor, N m.
         speed: Largest speed of a motor, rad/s.
-        joint_friction: Dry friction of each of the plate's two joints, N m: as wheels and servos
-            give way, lost motion between motor and plate.
-        height: Height of the surface over the axes about which the plate tilts, m; what else the
-            plate on cams weighs stays where it is.
+        joint_friction: Dry friction of each of the plate's two joints, N m; as wheels and servos
+            yield, it causes lost motion between motor and plate.
+        height: Height of the surface above the tilt axes, m; the other masses of the plate on
+            cams stay in their place.
         plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
         level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
         linkage: Cranks and rods in place of cams, wheels and spring.

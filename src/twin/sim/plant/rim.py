@@ -26,7 +26,7 @@ RIM_FOLLOWERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    explain="compares no builds of a rig",
+    explain="compares runs of one build of the rig",
     identify="finds end stops in a log by itself",
     symbols="have a ball that meets no wall",
 )
@@ -43,7 +43,7 @@ class Rim:
     Attributes:
         size: Distances between opposite walls along x and y in m, shape (2,) or (N, 2); 0 for no
             walls. On a round plate the diameter of its rim twice.
-        restitution: Speed of the ball that rolls away from a wall over that towards it.
+        restitution: Speed of the ball after an impact on a wall, relative to the speed before.
 
     Raises:
         ModelError: If a number is out of range.
