@@ -22,8 +22,8 @@ from twin.shadow.belief import logs
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 
-EXCITATIONS = ("excite", "circle", "sine")
-"""Shipped scenarios that are compared if none is chosen."""
+EXCITATIONS = {1: ("line", "excite", "circle"), 2: ("excite", "circle", "sine")}
+"""Shipped scenarios that are compared if none is chosen, by the number of axes of the rig."""
 FAMILY, OWN_FAMILY = "uncertain", "own"
 """Families of what is not known of the thesis's rig, and of any other."""
 DRAWN_RIGS, MAX_RIGS = 4, 200
@@ -61,6 +61,20 @@ class RigChoice:
     settings: tuple[str, ...] = ()
 
     @property
+    def changes(self) -> tuple[str, ...]:
+        """The rig as a setting of a scenario."""
+        return (f"parameters={self.on}",) if self.on else ()
+
+    @cached_property
+    def axes(self) -> int:
+        """Number of axes of the rig.
+
+        Raises:
+            ScenarioError: If there is no such rig or key.
+        """
+        return Builder("hold")([*self.changes, *self.settings], {}).plant.axes
+
+    @property
     def family(self) -> str:
         """Name of the family that says what is not known of the rig."""
         return OWN_FAMILY if self.on else FAMILY
@@ -76,8 +90,7 @@ class RigChoice:
             ScenarioError: If there is no such scenario, rig or key.
         """
         build = Builder(str(name))
-        rig = (f"parameters={self.on}",) if self.on else ()
-        fixed = [f"duration={seconds:g}", *rig, *self.settings]
+        fixed = [f"duration={seconds:g}", *self.changes, *self.settings]
         believed = at_study_step(build(fixed, {}))
         family = read_family(self.family)
         relative = {key for key, about in family.parameters.items() if about.relative}
@@ -269,10 +282,11 @@ def forecast_motions(
 ) -> list[MotionForecast]:
     """Forecasts of several scenarios, the one that tells most first; arguments as of one."""
     found = []
-    for k, name in enumerate(scenarios or EXCITATIONS):
+    chosen = scenarios or EXCITATIONS[choice.axes]
+    for k, name in enumerate(chosen):
 
         def advance(done: float, k: int = k) -> None:
-            progress((k + done) / len(scenarios or EXCITATIONS))
+            progress((k + done) / len(chosen))
 
         found.append(forecast_motion(name, seconds, choice, names, share, advance))
     return sorted(found, key=lambda each: each.score)

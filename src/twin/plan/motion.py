@@ -201,12 +201,16 @@ def write_motion(file: Path, motion: OptimisedMotion) -> None:
 def format_table(believed: Scenario) -> str:
     """The reference of a scenario as a table for a board: a row for each control period.
 
-    Columns are the time in s, the desired position of the ball in m and its velocity in m/s.
+    Columns are the time in s, the desired position of the ball in m and its velocity in m/s, each
+    along the axes of the rig.
     """
+    axes = believed.plant.axes
     time = believed.rig.period * np.arange(round(believed.duration / believed.rig.period))
     place, speed = build_reference(believed)(time)[:2]
-    columns = np.column_stack((time, place.reshape(-1, 2), speed.reshape(-1, 2)))
-    head = "time [s],x [m],y [m],x_rate [m/s],y_rate [m/s]"
+    each = (values.reshape(-1, 2)[:, :axes] for values in (place, speed))
+    columns = np.column_stack((time, *each))
+    names = "xy"[:axes]
+    head = ",".join(("time [s]", *(f"{n} [m]" for n in names), *(f"{n}_rate [m/s]" for n in names)))
     rows = (",".join(f"{each:.6g}" for each in row) for row in columns)
     return "\n".join((head, *rows)) + "\n"
 

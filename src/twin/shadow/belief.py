@@ -14,7 +14,7 @@ from controllers.ballplate import BallPlate
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError
 from twin.base.settings import from_scenarios
-from twin.identify.logs import AnyLog, Log, of_columns
+from twin.identify.logs import AnyLog, Log, farthest_places, of_columns
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem
 from twin.identify.windows import Windows
@@ -197,6 +197,11 @@ class Belief:
         )
         variances = (self.unit * sizes) ** 2
         return np.asarray(variances[..., None] * np.eye(len(WATCHED_PARAMETERS)))
+
+    @property
+    def walls(self) -> tuple[float, float]:
+        """How far the ball comes between walls along x and y, m; infinite without any."""
+        return farthest_places(self.scenario.plant.rim.size, self.model.radius)
 
     @property
     def uncertainty(self) -> Array:
