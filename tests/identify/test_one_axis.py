@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 import ballplate as bp
+from controllers.ballplate import BallPlate
 from twin.cli import main
+from twin.identify.any_rig import AxisIdentification
 from twin.identify.logs import Log, of_columns, read
+from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.prepare import WALL_MARGIN_M, prepare
 from twin.identify.twin_model import identify_twin
+from twin.identify.verdicts import ParameterVerdict
 from twin.identify.windows import cut, moving_spans, unknown_motion
 from twin.plan.experiment import EXCITATIONS, RigChoice
 from twin.plan.motion import format_table
@@ -124,6 +128,31 @@ def test_a_twin_of_a_beam_finds_no_fault_and_its_level_is_calibrated(beam, tmp_p
     (line,) = told.out.strip().splitlines()
     assert line.startswith("level_phi: +0.0")
     assert "raise the +x side" in line
+
+
+def test_a_level_of_one_axis_writes_no_minus_zero():
+    """The second axis of a plain model has the sign -1: of nothing it is 0."""
+    level = ParameterVerdict(
+        about=PLAIN_PARAMETERS["level"],
+        name="level_x",
+        value=0.01,
+        low=0,
+        high=1,
+        word="identified",
+    )
+    found = AxisIdentification(
+        source="log",
+        seconds=1.0,
+        verdicts=(level,),
+        scores=(),
+        predictions={},
+        notes=(),
+        extent="",
+        remarks=(),
+        factor=3 / 5,
+        ball=BallPlate(),
+    )
+    assert found.settings({"identified"})["plant.level_deg"].endswith(", 0]")
 
 
 @pytest.mark.long

@@ -50,7 +50,7 @@ def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
             help="With --plan: a motion to forecast [excite, circle, sine].",
         ),
         click.option("--seconds", type=float, help="With --plan: length of the run [40]."),
-        click.option("--plan", is_flag=True, help="Forecast what a run would tell; takes no LOG."),
+        click.option("--plan", is_flag=True, help="Forecast what a run would show; takes no LOG."),
     ):
         command = option(command)
     return command
@@ -130,6 +130,9 @@ def show_plan(plan: dict[str, Any], names: str | None, on: str | None) -> int:
 
 
 def _describe(done: Any) -> Iterator[Shown]:
+    from twin.plan.experiment import round_plainly
+    from twin.plan.forecast import FORECAST
+
     for forecast in done.forecasts:
         if forecast.rows:
             yield forecast.table
@@ -139,9 +142,10 @@ def _describe(done: Any) -> Iterator[Shown]:
     if done.optimised is not None:
         yield done.optimised.describe()
     if len(done.forecasts) > 1:
-        ranks = ", ".join(f"{each.scenario} {each.score:.2g}" for each in done.forecasts)
-        yield bold(f"{done.best.scenario} tells most.")
+        ranks = ", ".join(f"{each.scenario} {round_plainly(each.score)}" for each in done.forecasts)
+        yield bold(f"{done.best.scenario} is expected to show most.")
         yield (
-            f"Half width over the one that counts as identified, mean of all parameters and rigs: "
+            "Expected half width over the largest that counts as identified, geometric mean of "
+            f"all parameters and rigs (up to 1: identified, {FORECAST.worst_ratio:g}: nothing): "
             f"{ranks}."
         )

@@ -594,8 +594,14 @@ def read_any(
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     times: dict[str, Array] = {}
+    roles: dict[int, str] = {}
     for role, column in wanted.items():
         index, unit = _find_column(path.name, header, role, column)
+        if (other := roles.setdefault(index, role)) != role:
+            raise LogError(
+                f"--columns: {other} and {role}: both are column {column.name} of {path.name}; "
+                "give each role its own"
+            )
         unit = column.unit or unit
         factor = unit_factor(unit, ROLE_UNITS[role]) if unit else 1.0
         if factor is None:

@@ -621,10 +621,10 @@ class TwinIdentification(Identification):
         }
         pair = [known.pop(name, None) for name in LEVELS]
         values = {
-            each.about.key: f"{each.value:.6g}  # {each.interval}, 95 %" for each in known.values()
+            each.about.key: f"{each.value:z.6g}  # {each.interval}, 95 %" for each in known.values()
         }
         if any(pair):
-            level = ", ".join("0.0" if each is None else f"{each.value:.6g}" for each in pair)
+            level = ", ".join("0.0" if each is None else f"{each.value:z.6g}" for each in pair)
             known_ends = pair[: self.log.axes]
             ends = "; ".join("unknown" if each is None else each.interval for each in known_ends)
             values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"

@@ -36,9 +36,9 @@ FORECAST_HEADINGS = (
     "parameter",
     "unit",
     "nominal rig",
-    "verdict",
-    "drawn rigs: half width, median",
-    "largest",
+    "expected verdict",
+    "drawn rigs: +- median",
+    "+- largest",
     "identified",
 )
 """Columns of the table of a forecast."""
@@ -168,7 +168,10 @@ class MotionForecast:
         """What the table does not say: what is not told apart, and where nothing is expected."""
         for each in dict.fromkeys(group for rig in self.every for group in rig.indistinct):
             count = sum(each in rig.indistinct for rig in self.every)
-            yield f"not told apart on {count} of {len(self.every)} rigs: {' and '.join(each)}"
+            yield (
+                f"expected to be known only together on {count} of {len(self.every)} rigs: "
+                f"{' and '.join(each)}"
+            )
         if self.nominal.why:
             yield f"nothing is expected of the nominal rig: {self.nominal.why}"
         lost = [each.why for each in self.drawn if each.why]
@@ -199,12 +202,18 @@ def _describe(found: ParameterVerdict | None) -> str:
         return "-"
     if math.isinf(half) or found.value is None:
         return found.interval
-    share = f" ({100 * half / abs(found.value):.2g} %)" if found.about.relative else ""
-    return f"{found.value:.4g} +- {half:.2g}{share}"
+    percent = round_plainly(100 * half / abs(found.value)) if found.value else ""
+    share = f" ({percent} %)" if found.about.relative and percent else ""
+    return f"{found.value:.4g} +- {round_plainly(half)}{share}"
 
 
 def _number(half: float) -> str:
-    return f"{half:.2g}" if math.isfinite(half) else "none"
+    return round_plainly(half) if math.isfinite(half) else "none"
+
+
+def round_plainly(value: float) -> str:
+    """A number of two digits, and zeros where it is larger: 210, not 2.1e+02."""
+    return f"{float(f'{value:.2g}'):.15g}"
 
 
 def check_plan(seconds: float, choice: RigChoice, names: tuple[str, ...]) -> tuple[str, ...]:
