@@ -437,12 +437,15 @@ def _loop(scenario: Scenario) -> Numbers:
 
     controller = build_controller(scenario)
     late = dict(zip(("dead_time", "lag"), scenario.lateness, strict=True))
+    row = loop_row(controller.law, controller.observer, **late)
+    if scenario.plant.axes == 1 and "margins" in row:
+        row["margins"] = {cut: row["margins"][cut] for cut in ("u1", "x") if cut in row["margins"]}
     return {
         "controller": scenario.controller.kind,
         "observer": scenario.observer.kind,
         "predictor": None if scenario.predictor is None else scenario.predictor.delay,
         **late,
-        **loop_row(controller.law, controller.observer, **late),
+        **row,
         "danger": instability(controller.law, controller.observer, **late),
     }
 
