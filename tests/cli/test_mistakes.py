@@ -130,6 +130,8 @@ LINES = {
     "run circle --set controller.gains=[1,2,3": '"[1,2,3"; is a bracket missing',
     "run hold --set fault=[{at=1.0,name='x'}]": "[[fault]]: only the virtual rig has faults",
     "doctor --rig rig.toml --ball": "--ball: tilts the plate until the ball rolls; it needs --move",
+    "calibrate cams --on tube": "calibrate: turns both axes of a plate by two AKD drives",
+    "calibrate lost-motion --on beam": "calibrate: turns both axes of a plate by two AKD drives",
     "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
     "sweep circle a=[]": "vary a: give at least one value",

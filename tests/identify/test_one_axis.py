@@ -19,6 +19,9 @@ from twin.identify.windows import cut, moving_spans, unknown_motion
 from twin.plan.experiment import EXCITATIONS, RigChoice
 from twin.plan.motion import format_table
 from twin.scenario import load
+from twin.shadow.alarms import words_of
+from twin.shadow.belief import WATCHED_PARAMETERS, Belief
+from twin.shadow.follow import LiveFollower
 
 ROLLING_MM, LEVEL_DEG, BANDWIDTH_HZ = 0.07, 0.08, 2.65
 """Truth of the beam of these tests; its file has 0.05 mm and no tilt."""
@@ -153,6 +156,29 @@ def test_a_level_of_one_axis_writes_no_minus_zero():
         ball=BallPlate(),
     )
     assert found.settings({"identified"})["plant.level_deg"].endswith(", 0]")
+
+
+def test_a_twin_next_to_a_run_takes_rows_without_a_second_axis(short):
+    done, _ = short
+    rows = {name: done[name] for name in done}
+    assert "applied_theta_acc" not in rows
+    follower = LiveFollower(done.scenario, "the run")
+    for first in range(0, len(done.time), 50):
+        follower.take({name: values[first : first + 50] for name, values in rows.items()})
+    assert follower.ask(whole=True) == []
+    assert follower.result.replays.axes == 1
+    assert follower.result.length > 5
+
+
+def test_a_level_of_one_axis_is_told_by_one_number():
+    belief = Belief.of(load("line", ["parameters=beam"]), of_nothing())
+    moved = np.zeros(len(WATCHED_PARAMETERS))
+    moved[WATCHED_PARAMETERS.index("level_phi")] = np.radians(0.4)
+    assert words_of("level", moved, belief) == "phi +0.400 deg"
+
+
+def of_nothing():
+    return of_columns(dict.fromkeys(("time", "measured_x", "measured_phi"), np.zeros(0)), {}, "")
 
 
 @pytest.mark.long

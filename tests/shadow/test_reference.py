@@ -46,6 +46,29 @@ def test_a_healthy_log_raises_no_alarm_and_a_changed_level_is_named(tmp_path, mo
     assert ended("shadow well.csv --out other --json", capsys)[0] == 1
 
 
+@pytest.mark.long
+def test_of_logs_with_columns_on_their_rig_the_healthy_one_is_healthy(
+    tmp_path, monkeypatch, capsys
+):
+    """A tube with a solid ball, its position and angle in columns of other names."""
+    monkeypatch.chdir(tmp_path)
+    dusty = 'change=[{at=28, set={"plant.friction.rolling_mm"=0.02}}]'
+    for name, more in (("first", ["seed=1"]), ("well", ["seed=2"]), ("dusty", ["seed=3", dusty])):
+        done = bp.run("line", ["parameters=tube", *more], duration=45)
+        done.to_pandas()[["time", "measured_x", "measured_phi", "age"]].set_axis(
+            ["t", "X", "tilt", "waited"], axis=1
+        ).to_csv(f"{name}.csv", index=False)
+    columns = "time=t,measured_x=X:m,measured_phi=tilt:rad,age=waited"
+    line = f"shadow well.csv dusty.csv --reference first.csv --on tube --columns {columns} --json"
+    code, told = ended(line, capsys)
+    found = json.loads(told.out)["logs"]
+    assert code == 1
+    assert found["well"]["alarms"] == []
+    first = found["dusty"]["alarms"][0]
+    assert 28 < first["time"] < 40
+    assert "rolling friction" in [each["name"] for each in first["causes"]]
+
+
 MISTAKES = {
     "shadow a.csv b.csv": "b.csv: several logs need --reference LOG0",
     "shadow a.csv one/a.csv --reference b.csv": "one/a.csv: two logs have the same name",

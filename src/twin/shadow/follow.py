@@ -22,6 +22,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError
+from twin.hal.interface import AXIS_NAMES
 from twin.identify.logs import LOG_COLUMN_UNITS, Log, of_columns
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.parameters import LEVELS
@@ -374,8 +375,10 @@ class LiveFollower(Follower):
             return False
         # a log's acceleration is summed from its first row; here from the first row of the run
         new = {name: rows[name] for name in LOG_COLUMN_UNITS if name in rows}
-        for axis, name in enumerate(("phi", "theta")):
-            steps = self.period * np.nan_to_num(new.pop(f"applied_{name}_acc"))
+        for axis, name in enumerate(AXIS_NAMES):
+            if (acceleration := new.pop(f"applied_{name}_acc", None)) is None:
+                continue  # a rig of one axis has no theta
+            steps = self.period * np.nan_to_num(acceleration)
             rate = self._rate[axis] + np.cumsum(steps)
             new[f"applied_{name}_rate"], self._rate[axis] = rate, rate[-1]
         old = self._rows or {name: np.zeros(0) for name in new}
