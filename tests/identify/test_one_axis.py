@@ -185,7 +185,7 @@ def of_nothing():
 def test_a_beam_that_changes_raises_an_alarm_that_names_friction(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runs = {"first": ["seed=1"], "well": ["seed=2"]}
-    runs["dusty"] = ["seed=3", 'change=[{at=30, set={"plant.friction.rolling_mm"=0.2}}]']
+    runs["dusty"] = ["seed=3", 'change=[{at=30, set={"plant.friction.rolling_mm"=0.1}}]']
     for name, more in runs.items():
         bp.run("excite", ["parameters=beam", *more], duration=60).save(name)
     code, told = ended("shadow well dusty --reference first --out out --json", capsys)
@@ -194,7 +194,8 @@ def test_a_beam_that_changes_raises_an_alarm_that_names_friction(tmp_path, monke
     assert found["logs"]["well"]["alarms"] == []
     alarm = found["logs"]["dusty"]["alarms"][0]
     assert 30 < alarm["time"] < 50
-    assert alarm["causes"][0]["name"] == "rolling friction"
+    # on one axis a ball of other size and surface is hard to tell from friction: both are named
+    assert "rolling friction" in [each["name"] for each in alarm["causes"]]
 
 
 def test_a_plan_of_a_rig_of_one_axis_begins_with_the_line():

@@ -55,7 +55,7 @@ def test_of_logs_with_columns_on_their_rig_the_healthy_one_is_healthy(
     dusty = 'change=[{at=28, set={"plant.friction.rolling_mm"=0.02}}]'
     for name, more in (("first", ["seed=1"]), ("well", ["seed=2"]), ("dusty", ["seed=3", dusty])):
         done = bp.run("line", ["parameters=tube", *more], duration=45)
-        done.to_pandas()[["time", "measured_x", "measured_phi", "age"]].set_axis(
+        done.to_pandas().reset_index()[["time", "measured_x", "measured_phi", "age"]].set_axis(
             ["t", "X", "tilt", "waited"], axis=1
         ).to_csv(f"{name}.csv", index=False)
     columns = "time=t,measured_x=X:m,measured_phi=tilt:rad,age=waited"
