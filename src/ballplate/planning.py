@@ -106,8 +106,10 @@ def plan_experiment(
         >>> f"{delay.value:.3f} {delay.about.unit}: {delay.word}"
         '0.042 s: identified'
     """
+    from twin.base.shipped import find
     from twin.identify.parameters import choose_parameters
-    from twin.plan.experiment import RigChoice, forecast_motions
+    from twin.plan.experiment import RigChoice, check_plan, forecast_motions
+    from twin.plan.motion import describe_work, optimise_motion
 
     check_hold_out(hold_out)
     names = [parameters] if isinstance(parameters, str) else parameters
@@ -115,12 +117,14 @@ def plan_experiment(
     motions = [scenarios] if isinstance(scenarios, str | Path) else list(scenarios)
     choice = RigChoice(on=str(on or ""), rigs=rigs)
     report = reporter or default()
+    check_plan(seconds, choice, wanted)
+    for name in motions:
+        find(str(name))
+    report.note(describe_work(len(motions), seconds, choice, optimise=optimise))
     with report.progress("forecasting", 1.0) as advance:
         found = forecast_motions(motions, seconds, choice, wanted, 1 - hold_out, advance)
     if not optimise:
         return Planned(found)
-    from twin.plan.motion import optimise_motion
-
     with report.progress("optimising", 1.0) as advance:
         best = optimise_motion(found[0].scenario, seconds, choice, wanted, 1 - hold_out, advance)
     every = sorted([*found, best.forecast], key=lambda each: each.score)

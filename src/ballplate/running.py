@@ -587,7 +587,8 @@ def summarize_events(events: Sequence[tuple[float, Condition, str]]) -> list[str
         if len(found) == 1:
             lines.append(f"{first:.3f} s warning: {text}")
         else:
-            span = f"{first:.3f} to {found[-1][0]:.3f} s"
+            ends = dict.fromkeys(f"{at:.3f}" for at in (first, found[-1][0]))
+            span = f"{' to '.join(ends)} s"
             seen = text.removeprefix(f"{where}: {name}: ")
             lines.append(f"{span} warning: {where}: {name}: {len(found)} reports; first: {seen}")
     return lines

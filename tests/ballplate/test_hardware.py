@@ -268,6 +268,8 @@ def test_warnings_of_one_cause_are_one_line_and_stops_stay_single():
         (4.5, late, "drive phi (node 1): PDO late: TPDO2, 2 of earlier cycles"),
         (5.0, lost, "drive phi (node 1): heartbeat lost: none for 202 ms"),
         (5.1, lost, "drive theta (node 2): heartbeat lost: none for 202 ms"),
+        (6.0, late, "rig file: PDO late: first"),
+        (6.0004, late, "rig file: PDO late: second"),
     ]
     assert summarize_events(events) == [
         "5.000 s stop: drive phi (node 1): heartbeat lost: none for 202 ms",
@@ -275,4 +277,5 @@ def test_warnings_of_one_cause_are_one_line_and_stops_stay_single():
         "0.200 to 4.500 s warning: drive phi (node 1): PDO late: 2 reports; first: TPDO1, "
         "1 of earlier cycles",
         "0.300 s warning: drive theta (node 2): PDO late: TPDO1, 1 of earlier cycles",
+        "6.000 s warning: rig file: PDO late: 2 reports; first: first",  # no 6.000 to 6.000
     ]

@@ -22,7 +22,7 @@ from click.testing import CliRunner
 import ballplate as bp
 from twin.cli.runs import export as export_command
 from twin.run.assemble import assemble
-from twin.run.controller_source import export
+from twin.run.controller_source import _check_own, export
 
 LAWS = {
     "pole_placement": "luenberger",
@@ -123,6 +123,10 @@ def test_the_command_writes_a_folder(tmp_path):
     files = {"README.md", "plate.c", "plate.h", "test_plate.c", "reference_run.csv"}
     assert names == files | {"cortex-m4"}
     assert "typedef float plate_real;" in (tmp_path / "plate" / "plate.h").read_text("utf-8")
+    _check_own(file)  # its own folder may be written again, that of somebody else may not
+    (tmp_path / "plate" / "plate.c").write_text("int main(void) { return 0; }\n")
+    with pytest.raises(bp.TwinError, match="no folder of an earlier export"):
+        _check_own(file)
 
 
 class Measurement(ctypes.Structure):

@@ -78,3 +78,8 @@ def test_a_ball_behind_slow_drives_swings_and_grows_or_fades_as_the_poles_say(co
     rate, _ = np.polyfit(time[1 + ends], np.log(np.abs(x[1 + ends])), 1)
     assert rate == pytest.approx(real, abs=0.03)
     assert np.pi / np.diff(time[1 + ends]).mean() == pytest.approx(abs(imaginary), rel=0.01)
+
+
+def test_a_loop_of_one_axis_has_no_cut_of_the_second():
+    loop = json.loads(call("circle", "--on", "tube", "--json"))["loop"]
+    assert set(loop["margins"]) == {"u1", "x"}

@@ -25,6 +25,9 @@ FILES = {
     "there.toml": "",
     "typed.toml": 'parameters = "hobby"\n[plant.linkage]\nphi_deg = [[-40, -14], [40, 14]]\n'
     "theta_deg = [[-40, -14], [0, 0.1], [40, 14]]\n",
+    "ard.csv": "t,X,u\n" + "".join(f"{0.02 * k:.2f},{k % 90},{k % 7}\n" for k in range(200)),
+    "listed.toml": 'title = "a"\nscenario = "hold"\nmethod = "grid"\nset = {duration = 1}\n'
+    '[parameters."plant.friction.rolling_mm"]\nvalues = [0.1]\n',
     "notes.txt": "words",
     "wrong.py": "x = 1\nx = (",
     "empty.py": "",
@@ -98,6 +101,13 @@ LINES = {
     "report round": "round: not a readable Parquet file",
     "identify german.csv": "columns are separated by ';'",
     "identify twice.csv": "measured_x: two columns",
+    "identify ard.csv --columns time=t,measured_x=X:mm,command_phi=X": "both are column X of",
+    "shadow ard.csv --on tube": "(it has t, X, u); try: ballplate shadow ard.csv --on tube --col",
+    "shadow log.csv --ball solid": "--ball: with --columns only",
+    "run circle --on tube --on beam": "--on: given 2 times; give it once",
+    "study friction --samples 8": "samples: has no effect on a grid of values",
+    "study listed.toml": """set: must be a list, got {"duration": 1}; write it as ["duration=1"]""",
+    "export circle mine.c": "mine: is no folder of an earlier export",
     "new law afl": "law 'afl': the name is taken by controllers.classical",
     "new observer afl": "observer 'afl': the name is taken by",
     "new observer mine --like pid": "--like",
@@ -120,6 +130,8 @@ LINES = {
     "run circle --set controller.gains=[1,2,3": '"[1,2,3"; is a bracket missing',
     "run hold --set fault=[{at=1.0,name='x'}]": "[[fault]]: only the virtual rig can inject faults",
     "doctor --rig rig.toml --ball": "--ball: tilts the plate until the ball rolls; it needs --move",
+    "calibrate cams --on tube": "calibrate: turns both axes of a plate by two AKD drives",
+    "calibrate lost-motion --on beam": "calibrate: turns both axes of a plate by two AKD drives",
     "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
     "sweep circle a=[]": "vary a: give at least one value",
@@ -141,6 +153,8 @@ def folder(tmp_path_factory):
     for name, text in FILES.items():
         (place / name).write_text(text)
     (place / "round").symlink_to("round")
+    (place / "mine").mkdir()
+    (place / "mine" / "notes.txt").write_text("of somebody")
     keys = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")
     record_run(run(load("circle", keys)), place / "made")
     pq.write_table(pa.table({"a": [1.0]}), place / "foreign.parquet")

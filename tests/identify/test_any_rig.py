@@ -370,9 +370,10 @@ def test_a_ball_turns_under_friction_that_acts_against_its_old_way_then_its_new(
 def test_the_way_of_a_ball_that_is_seen_along_both_axes_is_known_across_each(tmp_path):
     time = np.arange(0.0, 6.0, 0.02)
     rows = [
-        f"{t:.3f},{0.01 * np.sin(t):.6f},{0.1 * t - 0.3:.6f},{0.1 * np.cos(t):.5f}" for t in time
+        f"{t:.3f},{0.01 * np.sin(t):.6f},{0.1 * t - 0.3:.6f},{0.1 * np.cos(t):.5f},{np.sin(t):.5f}"
+        for t in time
     ]
-    columns = "time=1:s,measured_x=2:m,measured_y=3:m,measured_phi=4:rad,measured_theta=4:rad"
+    columns = "time=1:s,measured_x=2:m,measured_y=3:m,measured_phi=4:rad,measured_theta=5:rad"
     log = read_any(written(tmp_path, rows), wanted_columns(columns)).axes["x"]
     assert log.across[0][[0, -1]] == pytest.approx([0.0, 5.98], abs=0.1)
     assert log.across[1] == pytest.approx(0.1, abs=1e-6)

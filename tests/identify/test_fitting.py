@@ -176,7 +176,7 @@ def test_a_model_is_rejected_by_how_much_moves_together_in_its_residuals_and_not
     r = r - r @ Z @ np.linalg.solve(Z.T @ Z, Z.T)
     by_start = np.broadcast_to(Z, (1, windows, *Z.shape))
     line = Linearisation(r[None], by_start, np.zeros((1, *r.shape, 0)))
-    seen = SimpleNamespace(weight=np.ones((windows, bins, 2)))
+    seen = SimpleNamespace(weight=np.ones((windows, bins, 2)), axes=2)
     problem = SimpleNamespace(windows=seen, misfit=lambda r: (r**2).mean(axis=-1))
     fit = SimpleNamespace(problem=problem, found=SimpleNamespace(linearisation=line))
     found = whiteness(fit)

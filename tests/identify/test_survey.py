@@ -43,6 +43,15 @@ def test_the_guessed_columns_give_the_log_in_si_units(tmp_path, header):
     assert all(guess.why for guess in found.guesses)
 
 
+def test_the_suggested_line_keeps_what_was_typed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "a.csv", "t,X,servo", T, 1e3 * X, np.degrees(U))
+    typed = ["a.csv", "--on", "tube", "--ball", "solid", "--json"]
+    found = json.loads(CliRunner().invoke(identify, typed, obj=None).output)
+    assert shlex.split(found["command"])[1:-2] == typed[:-1]
+    assert shlex.split(found["command"])[-2] == "--columns"
+
+
 def test_gaps_doubled_stamps_and_steps_back_are_counted(tmp_path):
     time = T.copy()
     time[50:] += 1.5

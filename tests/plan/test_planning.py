@@ -5,6 +5,8 @@ import json
 import pytest
 
 from twin.cli import main
+from twin.plan.experiment import RigChoice, round_plainly
+from twin.plan.motion import describe_work
 
 MISTAKES = {
     "identify": "LOG: give a log, or --plan",
@@ -32,6 +34,23 @@ def test_a_mistake_is_one_line(line, capsys):
     assert ended.value.code == 2
     (told,) = (each for each in capsys.readouterr().err.splitlines() if each[:9] == "ballplate")
     assert told.removeprefix("ballplate: ").startswith(MISTAKES[line])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(213.4, "210"), (0.000623, "0.00062"), (1.96, "2"), (31.0, "31"), (99.6, "100")],
+)
+def test_a_number_of_a_forecast_has_two_digits_and_no_exponent(value, text):
+    assert round_plainly(value) == text
+
+
+def test_the_work_of_a_plan_is_stated_before_it_is_done():
+    """Three motions of 40 s on five rigs: 600 s of runs, 0.25 s of processor time each."""
+    told = describe_work(0, 40.0, RigChoice(rigs=4), optimise=False)
+    assert told.startswith("forecasting 3 motions of 40 s on 5 rigs: about 150 s of processor time")
+    searched = describe_work(1, 10.0, RigChoice(on="tube", rigs=0), optimise=True)
+    assert "a motion of 10 s on 1 rig, and a search" in searched
+    assert "about 120 s" in searched  # of it 16 motions on 3 rigs
 
 
 @pytest.mark.long

@@ -351,3 +351,35 @@ def test_another_address_needs_the_token_and_is_warned_of(tmp_path):
         assert answer(here) == 200
         assert answer(bare) == 403
         assert answer(f"{bare}_nicegui_ws/socket.io/?EIO=4&transport=polling") == 403
+
+
+MARKS = """() => {
+    const plate = document.querySelector("svg[data-time]");
+    const wide = (each) => each.getBoundingClientRect().width / plate.getBoundingClientRect().width;
+    const words = [...document.querySelectorAll("svg text")].map((each) => each.textContent.trim());
+    const bar = document.querySelector("[data-testid=side-x] rect");
+    return {
+        goal: wide(plate.querySelector("g[transform] path").parentNode),
+        widest: Math.max(...[...plate.querySelectorAll("text")].map(wide)),
+        side: bar.getBoundingClientRect().width / bar.ownerSVGElement.getBoundingClientRect().width,
+        words,
+        page: document.documentElement.scrollWidth,
+    };
+}"""
+
+
+@pytest.mark.parametrize("rig", ["tube", "beam"])
+def test_on_one_axis_marks_are_as_small_as_on_the_plate_and_y_is_nowhere(browser, tmp_path, rig):
+    with playing("line", "--on", rig, "--out", str(tmp_path / "run")) as played:
+        page = browser(str(tmp_path / "profile"), played.url)
+        for width in (1400, 400):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.wait_for_timeout(500)
+            found = page.evaluate(MARKS)
+            assert found["page"] <= width
+            assert found["goal"] < 0.07
+            assert found["widest"] < 0.3
+            assert found["side"] > 0.8
+            assert not {"y", "theta"} & set(found["words"])
+            assert not any(word.startswith("theta") for word in found["words"])
+        assert page.wrong == []

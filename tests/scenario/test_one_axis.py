@@ -95,10 +95,18 @@ def test_what_a_rig_of_one_axis_cannot_have_is_refused_in_one_line(settings, sai
 @pytest.mark.parametrize(
     ("name", "reference", "title"),
     [
-        ("circle", Circle(amplitude=0.15 * SHARE, omega=0.75), "along x"),
-        ("step", Hold(x=0.15 * SHARE), "along x"),
-        ("sine", Sine(amplitude=0.15 * SHARE, omega=0.5), "along x"),
-        ("line", Lissajous(amplitude=0.15 * SHARE, omega=(1.0, 1.0), phase=0.0), ""),
+        (
+            "circle",
+            Circle(amplitude=0.15 * SHARE, omega=0.75),
+            "Circle of 18 mm at 0.75 rad/s, along x",
+        ),
+        ("step", Hold(x=0.15 * SHARE), "Step to 18 mm, along x"),
+        ("sine", Sine(amplitude=0.15 * SHARE, omega=0.5), "Sine, 18 mm at 0.5 rad/s, along x"),
+        (
+            "line",
+            Lissajous(amplitude=0.15 * SHARE, omega=(1.0, 1.0), phase=0.0),
+            "Sine of 18 mm along x at 1 rad/s",
+        ),
     ],
 )
 def test_on_a_tube_a_reference_is_what_it_is_along_x(name, reference, title):
@@ -107,8 +115,14 @@ def test_on_a_tube_a_reference_is_what_it_is_along_x(name, reference, title):
     motion = build_reference(scenario)(time)
     assert motion[..., 0] == pytest.approx(reference(time)[..., 0], abs=1e-15)
     assert not motion[..., 1].any()
-    said = [load(name).title, f"lengths x {SHARE:g}", *([title] if title else [])]
-    assert scenario.title == ", ".join(said)
+    assert scenario.title == title
+
+
+def test_a_title_without_lengths_states_the_factor_and_another_length_stays():
+    excite = load("excite", ["parameters=tube"])
+    assert excite.title == f"Excitation for identification, lengths x {SHARE:g}, along x"
+    own = load("circle", ["parameters=tube", 'title="Circle of 150 mm"'])
+    assert own.title == "Circle of 150 mm"
 
 
 @pytest.mark.parametrize("name", ["circle", "step", "sine"])

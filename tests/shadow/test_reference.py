@@ -7,8 +7,12 @@ from types import SimpleNamespace
 import pytest
 
 import ballplate as bp
+from controllers.ballplate import BallPlate
 from twin.cli import main
-from twin.shadow.reference import Reference
+from twin.identify.any_rig import AxisIdentification
+from twin.identify.parameters import plain_parameter
+from twin.identify.verdicts import ParameterVerdict
+from twin.shadow.reference import Reference, _with_shown_ball
 
 RIG = ("plant.friction.rolling_mm=0.23", "plant.level_deg=[0.2, -0.1]", "plant.step=0.002")
 """A rig that differs from the usual one."""
@@ -42,6 +46,29 @@ def test_a_healthy_log_raises_no_alarm_and_a_changed_level_is_named(tmp_path, mo
     assert ended("shadow well.csv --out other --json", capsys)[0] == 1
 
 
+@pytest.mark.long
+def test_of_logs_with_columns_on_their_rig_the_healthy_one_is_healthy(
+    tmp_path, monkeypatch, capsys
+):
+    """A tube with a solid ball, its position and angle in columns of other names."""
+    monkeypatch.chdir(tmp_path)
+    dusty = 'change=[{at=28, set={"plant.friction.rolling_mm"=0.02}}]'
+    for name, more in (("first", ["seed=1"]), ("well", ["seed=2"]), ("dusty", ["seed=3", dusty])):
+        done = bp.run("line", ["parameters=tube", *more], duration=45)
+        done.to_pandas().reset_index()[["time", "measured_x", "measured_phi", "age"]].set_axis(
+            ["t", "X", "tilt", "waited"], axis=1
+        ).to_csv(f"{name}.csv", index=False)
+    columns = "time=t,measured_x=X:m,measured_phi=tilt:rad,age=waited"
+    line = f"shadow well.csv dusty.csv --reference first.csv --on tube --columns {columns} --json"
+    code, told = ended(line, capsys)
+    found = json.loads(told.out)["logs"]
+    assert code == 1
+    assert found["well"]["alarms"] == []
+    first = found["dusty"]["alarms"][0]
+    assert 28 < first["time"] < 40
+    assert "rolling friction" in [each["name"] for each in first["causes"]]
+
+
 MISTAKES = {
     "shadow a.csv b.csv": "b.csv: several logs need --reference LOG0",
     "shadow a.csv one/a.csv --reference b.csv": "one/a.csv: two logs have the same name",
@@ -63,6 +90,41 @@ def test_a_mistake_is_one_line(line, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
+    ("gain", "word", "factor"),
+    [(6.95, "solid", 5 / 7), (5.9, "hollow", 3 / 5), (-7.2, "solid", 5 / 7)],
+)
+def test_the_ball_of_a_reference_is_the_one_its_gain_is_nearest_to(gain, word, factor):
+    about = plain_parameter("gain", "rad")
+    verdict = ParameterVerdict(
+        about=about, name="gain_x", value=gain, low=gain - 0.1, high=gain + 0.1, word="identified"
+    )
+    found = _with_shown_ball(
+        AxisIdentification(
+            source="log",
+            seconds=1.0,
+            verdicts=(verdict,),
+            scores=(),
+            predictions={},
+            notes=(),
+            extent="",
+            remarks=(),
+            factor=3 / 5,
+            ball=BallPlate(),
+        )
+    )
+    assert found.factor == pytest.approx(factor)
+    assert any(f"taken as {word}" in note for note in found.notes) == (word == "solid")
+    ball, push = found.ball, 9.81 * factor
+    inertia = float(found.settings({"identified"})["plant.ball.inertia"].split("#")[0])
+    assert 1 / (1 + inertia / (ball.mass * ball.radius**2)) == pytest.approx(factor, rel=1e-4)
+    error = found.settings({"identified"}).get("rig.cam_error_percent", "")
+    if gain > 0:  # tilt per command times the ball's share stays what the log shows
+        first = float(error.strip("[").split(",")[0])
+        assert push * (1 + first / 100) == pytest.approx(gain, rel=1e-3)
+        assert "-0]" not in error.replace("-0.", "")
+
+
+@pytest.mark.parametrize(
     ("file", "on", "overrides"),
     [
         (Path("p.toml"), "hobby", ("parameters=p.toml",)),
@@ -71,7 +133,7 @@ def test_a_mistake_is_one_line(line, tmp_path, monkeypatch, capsys):
     ],
 )
 def test_what_is_not_identified_is_that_of_the_named_rig(file, on, overrides):
-    found = SimpleNamespace(verdicts=(), source="log")
+    found = SimpleNamespace(verdicts=(), notes=(), source="log")
     reference = Reference(found, file, on)
     assert reference.overrides == overrides
     assert "identified: nothing" in reference.describe()

@@ -90,7 +90,28 @@ def test_cut_effort_is_counted_and_told():
     cut = made(reference, requested_phi_acc=requested)
     assert Diagnosis.of(cut).cut == pytest.approx(0.25)
     assert any("cut the effort 25.0%" in line for line in summary(cut, Diagnosis.of(cut)))
-    assert any("No limit was in the way" in line for line in summary(some, Diagnosis.of(some)))
+    rolling = made(reference, true_x_rate=np.full(10000, 0.1))
+    sentences = summary(rolling, Diagnosis.of(rolling))
+    assert any("No limit was in the way" in line for line in sentences)
+
+
+def test_what_held_the_ball_is_said_in_place_of_no_limit():
+    """On a rig where friction or an end stop holds the ball, that is what was in the way."""
+    speed = np.full(10000, 0.1)
+    speed[:500] = 0.0
+    sticks = made(reference, true_x_rate=speed)
+    told = verdict(sticks, replace(Diagnosis.of(sticks), lag=None, gain=None, rest=None))
+    assert told.endswith(": friction held the ball at rest 5.0% of the time.")
+    sentences = summary(sticks, Diagnosis.of(sticks))
+    assert any(each.startswith("No limit of the plate was reached") for each in sentences)
+    radius = sticks.scenario.plant.ball.radius
+    walls = TABLES | {"plant": {"kind": "lagrange", "rim": {"size": [0.14, 0.0]}}}
+    walled = made(
+        lambda t: on_x(np.where(t < 5, 0.07 - radius, 0.0)), walls, true_x_rate=np.full(10000, 0.1)
+    )
+    assert Diagnosis.of(walled).walled == pytest.approx(0.25)
+    assert "the ball was at a wall 25.0% of the time" in verdict(walled, Diagnosis.of(walled))
+    assert any("at a wall 25.0%" in each for each in summary(walled, Diagnosis.of(walled)))
 
 
 HOLD = TABLES | {"reference": {"kind": "hold", "x": 0.03}}

@@ -124,15 +124,25 @@ def first_finding(
         message = message.replace(theirs, ours)
     given = first["input"]
     shown = shorten(json.dumps(given, default=str))
-    return f"{place}: must be {message}, got {shown}{_hint(message, given)}"
+    return f"{place}: must be {message}, got {shown}{_hint(message, given, str(last))}"
 
 
-PLAIN_WORDS = {"a valid array": "a list", "a valid string": "a text", "a valid number": "a number"}
+PLAIN_WORDS = {
+    "a valid array": "a list",
+    "a valid tuple": "a list",
+    "a valid list": "a list",
+    "a valid dictionary": "a table",
+    "a valid string": "a text",
+    "a valid number": "a number",
+}
 """Words for pydantic's names of kinds of values."""
 
 
-def _hint(message: str, given: object) -> str:
-    """What to write instead of a text that was meant as a number or a list; empty if unknown."""
+def _hint(message: str, given: object, key: str) -> str:
+    """What to write instead of a text or table that was meant otherwise; empty if unknown."""
+    if key == "set" and isinstance(given, dict) and given:
+        changes = ", ".join(json.dumps(f"{k}={v}", default=str) for k, v in given.items())
+        return f"; write it as {shorten(f'[{changes}]')}"
     if not isinstance(given, str):
         return ""
     if message == "a number" and re.fullmatch(r"[-+.\d]+(e[-+]?\d+)? ?[^\W\d][\w/^%]*", given):

@@ -60,7 +60,20 @@ class Command(click.Command):
         self.example, self.reads = example, reads
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments, with the folder ``laws`` left alone where the command only reads."""
+        """Parse the arguments, with the folder ``laws`` left alone where the command only reads.
+
+        Raises:
+            ScenarioError: If an option that takes one value is given more than once.
+        """
+        ctx.meta["typed"] = list(args)
+        given: list[click.Parameter] = []
+        if not ctx.resilient_parsing:  # as while a line is completed
+            _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+        for option in set(given):
+            if not isinstance(option, click.Option) or option.multiple or option.is_flag:
+                continue
+            if not option.count and (times := given.count(option)) > 1:
+                raise ScenarioError(f"{option.opts[0]}: given {times} times; give it once")
         if self.reads in args or self.reads is True:
             ctx.with_resource(laws_left_alone())
         return super().parse_args(ctx, args)
@@ -228,6 +241,18 @@ _COLUMNS_OPTION = click.option(
 _SEPARATOR_OPTION = click.option(
     "--separator", help="Separator of its columns, such as ; or tab [detected]."
 )
+
+
+BALL_OPTION = click.option(
+    "--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow]."
+)
+
+
+def typed_line() -> list[str]:
+    """Words of the command line as it was typed, but for an output in JSON."""
+    context = click.get_current_context()
+    words = [word for word in context.meta["typed"] if word != "--json"]
+    return [*context.command_path.split(), *words]
 
 
 def COLUMNS(command: Any) -> Any:  # noqa: N802 - an option, as the others

@@ -134,6 +134,9 @@ def show_plan(plan: dict[str, Any], names: str | None, on: str | None) -> int:
 
 
 def _describe(done: Any) -> Iterator[Shown]:
+    from twin.plan.experiment import round_plainly
+    from twin.plan.forecast import FORECAST
+
     for forecast in done.forecasts:
         if forecast.rows:
             yield forecast.table
@@ -143,9 +146,10 @@ def _describe(done: Any) -> Iterator[Shown]:
     if done.optimised is not None:
         yield done.optimised.describe()
     if len(done.forecasts) > 1:
-        ranks = ", ".join(f"{each.scenario} {each.score:.2g}" for each in done.forecasts)
-        yield bold(f"{done.best.scenario} tells most.")
+        ranks = ", ".join(f"{each.scenario} {round_plainly(each.score)}" for each in done.forecasts)
+        yield bold(f"{done.best.scenario} is expected to show most.")
         yield (
-            f"Half width over the one that counts as identified, mean of all parameters and rigs: "
+            "Expected half width over the largest that counts as identified, geometric mean of "
+            f"all parameters and rigs (up to 1: identified, {FORECAST.worst_ratio:g}: nothing): "
             f"{ranks}."
         )

@@ -493,6 +493,10 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
     return int(first is not None)
 
 
+NO_PLATE_TEXT = (
+    "turns both axes of a plate by two AKD drives; a rig of one axis (--on, plant.axes) has none"
+)
+"""Message for a rig of one axis."""
 DEFAULT_PORT = 8090
 
 
@@ -559,7 +563,13 @@ def play(
 def _turn_plate(
     rig: str, scenario: Scenario, what: str, total: float
 ) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
-    """A rig with its plate turned in real time: its file, its servos, and progress."""
+    """A rig with its plate turned in real time: its file, its servos, and progress.
+
+    Raises:
+        RigError: If the rig has one axis: its drives are not two.
+    """
+    if scenario.plant.axes == 1:
+        raise RigError(f"calibrate: {NO_PLATE_TEXT}")
     from twin.devices.akd.servos import AkdServos
     from twin.devices.realtime import real_time
 
@@ -713,7 +723,7 @@ def level(log: Path) -> int:
         levels = identify_twin(recorded, ("level",), 1.0, advance).verdicts[: len(TILT_DIRECTIONS)]
     advice_lines = (
         f"{each.name}: {advice(each, foot)}"
-        for each, foot in zip(levels, TILT_DIRECTIONS, strict=True)
+        for each, foot in zip(levels, TILT_DIRECTIONS, strict=False)  # a rig of one axis has one
     )
     show([each.as_dict() for each in levels], advice_lines)
     return int(any(each.word != IDENTIFIED_VERDICT for each in levels))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.changes import changes_of, scenario_of
-from twin.base.errors import ScenarioError
+from twin.base.errors import LogError, ScenarioError
 from twin.base.page import Table, digits
 from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
@@ -121,7 +121,7 @@ PARAMETERS_HELP = (
     "with --columns also a log.",
 )
 @options.COLUMNS
-@click.option("--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow].")
+@options.BALL_OPTION
 @click.option(
     "--on",
     metavar="RIG",
@@ -153,15 +153,9 @@ def identify(
     if plan is not None:
         return planning.show_plan(plan, names, how["on"])
     files = [log_file(log) for log in logs]
-    if how["columns"] is None and not is_record(files[0]):
-        from twin.identify.logs import has_known_columns, open_content
-        from twin.identify.survey import survey
-
-        content = open_content(files[0])
-        if not has_known_columns(files[0].name, content):
-            surveyed = survey(files[0], how["separator"], content)
-            show(surveyed.as_dict(), _describe_survey(surveyed))
-            return 1
+    if how["columns"] is None and (surveyed := _survey_unknown(files[0], how["separator"])):
+        show(surveyed.as_dict(), _describe_survey(surveyed))
+        return 1
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
     from twin.identify.report import TABLE_HEADINGS, rows
@@ -181,6 +175,19 @@ def identify(
     return int(not words & {IDENTIFIED_VERDICT, PLAIN_VERDICT})
 
 
+def _survey_unknown(file: Path, separator: str | None) -> Survey | None:
+    """A look at a log without columns of the known names; None of any other."""
+    if is_record(file):
+        return None
+    from twin.identify.logs import has_known_columns, open_content
+    from twin.identify.survey import survey
+
+    content = open_content(file)
+    if has_known_columns(file.name, content):
+        return None
+    return survey(file, separator, content, options.typed_line())
+
+
 def _describe_survey(found: Survey) -> Iterator[Shown]:
     """The content of a log, and the command line that would use it."""
     rows = [
@@ -192,7 +199,10 @@ def _describe_survey(found: Survey) -> Iterator[Shown]:
     guesses = [(each.role, each.column, each.unit, each.why) for each in found.guesses]
     if guesses:
         yield Table("", ("role", "column", "unit", "guessed by"), guesses, words=range(4))
-    yield f"This log has no columns of the names that identify knows; try: {found.command}"
+    yield f"{UNKNOWN_COLUMNS_TEXT}; try: {found.command}"
+
+
+UNKNOWN_COLUMNS_TEXT = "This log has no columns of the names that this program knows"
 
 
 def _held_out(held: tuple[str, ...]) -> float | list[Path]:
@@ -255,6 +265,7 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
 @options.SETTING
 @options.LEARN_OPTION
 @options.COLUMNS
+@options.BALL_OPTION
 @click.option("--out", type=options.PATH_TYPE, help="Folder [RUN, or runs/shadow-LOG].")
 @options.JSON_OPTION
 def shadow(
@@ -268,7 +279,8 @@ def shadow(
 ) -> int:
     """Compare a recorded run with the twin: is it still right, since when not, and why.
 
-    LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands.
+    LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands; with
+    --columns a log of any rig, its ball by --on or --ball, or learned from the reference.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
     identified ones: it learns then as with --learn). With --reference it is identified from another
     log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
@@ -284,6 +296,16 @@ def shadow(
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
         raise ScenarioError(f"{same}: two logs have the same name; rename one")
     first = None if reference is None else log_file(reference)
+    if how["columns"] is None:
+        if how["ball"] is not None:
+            raise ScenarioError("--ball: with --columns only; a run knows its ball")
+        for file in (*([first] if first else ()), *files):
+            if surveyed := _survey_unknown(file, how["separator"]):
+                has = ", ".join(each.name for each in surveyed.columns[:12])
+                raise LogError(
+                    f"{file.name}: has no columns of the names that this program knows (it has "
+                    f"{has}); try: {surveyed.command}"
+                )
     from twin.shadow.reference import learn_reference
     from twin.shadow.report import WRITTEN_FILES, examine, sentences
 
@@ -419,12 +441,15 @@ def _loop(scenario: Scenario) -> Numbers:
 
     controller = build_controller(scenario)
     late = dict(zip(("dead_time", "lag"), scenario.lateness, strict=True))
+    row = loop_row(controller.law, controller.observer, **late)
+    if scenario.plant.axes == 1 and "margins" in row:
+        row["margins"] = {cut: row["margins"][cut] for cut in ("u1", "x") if cut in row["margins"]}
     return {
         "controller": scenario.controller.kind,
         "observer": scenario.observer.kind,
         "predictor": None if scenario.predictor is None else scenario.predictor.delay,
         **late,
-        **loop_row(controller.law, controller.observer, **late),
+        **row,
         "danger": instability(controller.law, controller.observer, **late),
     }
 

@@ -150,7 +150,7 @@ class AxisIdentification(Identification):
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS.items()]
         if gain and not any(map(_is_other_scale, turned)):
-            errors = ", ".join(f"{100 * (each - 1):.6g}" for each in turned)
+            errors = ", ".join(f"{100 * (each - 1):z.6g}" for each in turned)
             lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
         if "friction" in mean:
             rolling = 1000 * mean["friction"] * ball.radius / push
@@ -169,13 +169,14 @@ class AxisIdentification(Identification):
             lines["rig.plate_lag"] = f"{mean['lag']:.6g}  # {remark}"
             lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
-            lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
+            bends = ", ".join(f"{camber.get(axis, 0.0):z.6g}" for axis in "xy")
+            lines["plant.camber"] = f"[{bends}]"
         if level := known.get("level"):
             tilts = [
                 math.degrees(sign * level.get(axis, 0.0) / push)
                 for axis, sign in AXIS_SIGNS.items()
             ]
-            lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
+            lines["plant.level_deg"] = f"[{tilts[0]:z.6g}, {tilts[1]:z.6g}]"
         return lines
 
 

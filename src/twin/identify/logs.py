@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,7 +28,14 @@ from twin.base.shipped import shipped_in
 from twin.base.validation import read_tables
 from twin.run.files import is_record, log_file
 from twin.run.foreign_logs import foreign_table
-from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, UNIT_SCALES, read_columns, split_unit
+from twin.run.logs import (
+    COLUMN_UNITS,
+    NEEDED_COLUMNS,
+    SECOND_AXIS_COLUMNS,
+    UNIT_SCALES,
+    read_columns,
+    split_unit,
+)
 from twin.run.readers import ForeignTable
 from twin.scenario.schema import Scenario
 
@@ -64,6 +71,8 @@ class Log:
         grips: Times in s within which friction may stop a ball, see ``replay``; more than one
             where it is not known.
         late: How long after its time each row was taken, s, shape (K,); None if unknown.
+        axes: Number of axes of the rig; of 1 the second is 0 everywhere.
+        walls: Farthest places of the ball between walls along x and y, m; infinite without any.
         scenario: What a run of this program was started with; empty for any other log.
     """
 
@@ -78,6 +87,8 @@ class Log:
     own_lag: float
     grips: tuple[float, ...]
     late: Array | None = None
+    axes: int = 2
+    walls: tuple[float, float] = (math.inf, math.inf)
     scenario: Mapping[str, Any] = field(default_factory=dict)
 
     def with_ball(self, factor: float) -> Log:
@@ -125,7 +136,7 @@ def read(path: Path) -> Log:
 
 
 def has_known_columns(source: str, content: ForeignTable | str) -> bool:
-    """Whether a log has a column of a name that this program knows, besides the time.
+    """Whether a log has the columns of one axis by the names that this program knows.
 
     Args:
         source: What to call the file in messages.
@@ -136,7 +147,9 @@ def has_known_columns(source: str, content: ForeignTable | str) -> bool:
     """
     known = {name: ColumnWanted(name, "", 1.0) for name in NEEDED_COLUMNS}
     header, *_ = split_content(source, content, known)
-    return bool({split_unit(each)[0] for each in header} & set(NEEDED_COLUMNS[1:]))
+    names = {split_unit(each)[0] for each in header}
+    axes = (NEEDED_COLUMNS[1:3], SECOND_AXIS_COLUMNS)
+    return "time" in names and any(names >= set(each) for each in axes)
 
 
 def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: str) -> Log:
@@ -144,6 +157,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
 
     Args:
         columns: Of ``LOG_COLUMN_UNITS``, shape (K,) each; those that are required are there.
+            Without those of the second axis it is of a rig of one axis.
         metadata: Of the run, with its scenario; empty for a log that is no run.
         source: What the log is called.
 
@@ -152,11 +166,19 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
     """
 
     def pair(first: str, second: str) -> Array | None:
-        if first not in columns or second not in columns:
+        if first not in columns or (second not in columns and axes == 2):
             return None
-        return np.stack((columns[first], columns[second]), axis=-1)
+        return np.stack((columns[first], columns.get(second, nothing)), axis=-1)
 
     time = columns["time"]
+    nothing = np.zeros_like(time)
+    try:
+        rig = _rig(metadata)
+    except (AttributeError, TypeError, ValueError):
+        raise LogError(f"{source}: its metadata is not of a run") from None
+    if SECOND_AXIS_COLUMNS[0] not in columns:
+        rig["axes"] = 1
+    axes = rig["axes"]
     ball, plate = pair("measured_x", "measured_y"), pair("measured_phi", "measured_theta")
     assert ball is not None
     assert plate is not None
@@ -166,10 +188,6 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
         period = float(np.nanmedian(np.diff(time)))
         command = period * np.cumsum(np.nan_to_num(acceleration), axis=0)
     touched = columns.get("touched", np.ones_like(time))
-    try:
-        rig = _rig(metadata)
-    except (AttributeError, TypeError, ValueError):
-        raise LogError(f"{source}: its metadata is not of a run") from None
     return Log(
         source=source,
         time=time,
@@ -191,11 +209,21 @@ def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
     period = float(scenario.get("rig", {}).get("period", 0.0))
     ball = {key: plant.get("ball", {}).get(key) for key in ("mass", "radius", "inertia")}
     ball["height"] = plant.get("plate", {}).get("height")
+    model = BallPlate(**{key: float(v) for key, v in ball.items() if v is not None})
+    between = plant.get("rim", {}).get("size", (0.0, 0.0))
     return {
-        "model": BallPlate(**{key: float(v) for key, v in ball.items() if v is not None}),
+        "model": model,
+        "axes": int(plant.get("axes", 2)),
+        "walls": farthest_places(between, model.radius),
         "own_lag": period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
         "grips": PLANT_GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
     }
+
+
+def farthest_places(between: Sequence[float], radius: float) -> tuple[float, float]:
+    """How far a ball comes between walls along x and y, m; infinite where the distance is 0."""
+    x, y = (each / 2 - radius if each > 0 else math.inf for each in between)
+    return x, y
 
 
 def rig_of(scenario: Mapping[str, Any]) -> str:
@@ -450,6 +478,8 @@ class AnyLog:
             model=scenario.plant.model,
             own_lag=0.0,
             grips=(0.0,),
+            axes=1 if list(self.axes) == ["x"] else 2,
+            walls=farthest_places(scenario.plant.rim.size, scenario.plant.ball.radius),
         )
 
 
@@ -564,8 +594,14 @@ def read_any(
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     times: dict[str, Array] = {}
+    roles: dict[int, str] = {}
     for role, column in wanted.items():
         index, unit = _find_column(path.name, header, role, column)
+        if (other := roles.setdefault(index, role)) != role:
+            raise LogError(
+                f"--columns: {other} and {role}: both are column {column.name} of {path.name}; "
+                "give each role its own"
+            )
         unit = column.unit or unit
         factor = unit_factor(unit, ROLE_UNITS[role]) if unit else 1.0
         if factor is None:

@@ -176,7 +176,7 @@ def _fit_plate(log: PreparedLog, segments: list[Segment], theta: Array, rows: in
     measured = [segment.plate for segment in segments]
     ball = _remove_parabola(measured, rows)
     begin, starts = np.zeros(len(ball)), np.zeros((0, len(theta), len(ball)))
-    weight = np.ones_like(ball)
+    weight = np.broadcast_to(np.arange(2) < log.axes, ball.shape).astype(float)
     for _ in range(2):
         windows = SampleWindows(begin, np.zeros(ball.shape[:2]), ball, weight)
         problem = DriveProblem(windows, tuple(DRIVE_PARAMETERS), log, segments)
@@ -240,7 +240,7 @@ def check_motion(log: PreparedLog) -> None:
     if rolled < 5.0:
         raise LogError(
             f"{log.source}: too quiet: the ball rolls for {rolled:.1f} s of {log.length:.1f} s, "
-            "at least 5 s are needed; run the scenario excite"
+            f"at least 5 s are needed; run the scenario {'line' if log.axes == 1 else 'excite'}"
         )
     for (ball, plate), gain in zip(COLUMNS_OF_AXIS, _gains(log), strict=True):
         if gain is not None and not 0.25 < gain < 4:

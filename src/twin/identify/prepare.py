@@ -26,9 +26,9 @@ def check_ranges(log: Log) -> None:
     touched = log.touched & np.isfinite(log.ball).all(axis=-1)
     if not touched.any():
         raise LogError(f"{log.source}: the ball is never detected")
-    for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS):
+    for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS[: log.axes]):
         check_reach(log.source, ball, log.ball[touched, axis])
-        check_reach(log.source, plate, log.plate[:, axis])
+        check_reach(log.source, plate, log.plate[:, axis], axes=log.axes)
 
 
 SPEED_INTERVAL_S = 0.02
@@ -99,7 +99,7 @@ def find_ball_samples(log: Log, period: float) -> tuple[Mask, Array, list[str]]:
         missing = int((log.touched & ~usable).sum())
         notes.append(f"{missing} rows without ball position left out")
     fresh = usable & _new_position(log.age, log.ball, period)
-    sigma = _noise(log.ball[fresh])
+    sigma = _noise(log.ball[fresh], log.axes)
     spikes = np.zeros_like(fresh)
     off = log.ball[fresh] - median_filter(log.ball[fresh], size=(9, 1), mode="nearest")
     spikes[fresh] = (np.abs(off) > np.maximum(8 * sigma, 0.003)).any(axis=-1)
@@ -123,11 +123,16 @@ def _new_position(age: Array, ball: Array, period: float) -> Mask:
     return np.asarray(since % held == 0)
 
 
-def _noise(ball: Array) -> Array:
+NO_AXIS_STD_M = 1e-4
+"""Standard deviation in m by which a ball is known to be at 0 along an axis that a rig has not."""
+
+
+def _noise(ball: Array, axes: int) -> Array:
     """Standard deviation of one sample in m, shape (2,): of noise or of steps, 1 um at least."""
     spread = find_noise(ball)
     grid = np.array([resolution(ball[:, axis]) for axis in (0, 1)])
-    return np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
+    found = np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
+    return np.where(np.arange(2) < axes, found, NO_AXIS_STD_M)
 
 
 MAX_ROW_INTERVAL_S = 0.05
@@ -138,6 +143,10 @@ MIN_LIFT_S = 0.05
 """Without touch for longer than this time in s, the ball counts as off the screen."""
 MIN_SEGMENT_S = 2.5
 """Segments shorter than this time in s are left out."""
+WALL_MARGIN_M = 5e-4
+"""Distance in m from a wall, in addition to the noise, at which a ball may touch it."""
+WALL_NOISE_STDS = 3.0
+"""Standard deviations of a sample by which a ball at a wall may be seen away from it."""
 
 
 @dataclass(frozen=True)
@@ -189,6 +198,7 @@ class PreparedLog:
         model: The ball.
         own_lag: Lag in s of the twin's own drives without a bandwidth limit.
         grips: Times in s within which friction may stop a ball, see ``replay``.
+        axes: Number of axes of the rig; of 1 the second is 0 everywhere.
         notes: What had to be left out, in words.
     """
 
@@ -198,6 +208,7 @@ class PreparedLog:
     model: BallPlate
     own_lag: float
     grips: tuple[float, ...]
+    axes: int = 2
     notes: tuple[str, ...] = ()
 
     @property
@@ -257,7 +268,9 @@ def prepare(log: Log) -> PreparedLog:
         notes.append(f"ball not detected for {period * lifted.sum():.2f} s: left out")
     fresh, sigma, sample_notes = find_ball_samples(log, period)
     notes += sample_notes
-    good = ~lifted
+    good = ~lifted & ~_find_wall_contacts(log, sigma)
+    if (walled := period * float((~good & ~lifted).sum())) > 0:
+        notes.append(f"ball at a wall, or as good as, for {walled:.2f} s: left out")
     good[:-1] &= ~gap
     segments = [
         _segment(log, fresh, slice(first, stop), period)
@@ -277,8 +290,15 @@ def prepare(log: Log) -> PreparedLog:
         model=log.model,
         own_lag=log.own_lag,
         grips=log.grips,
+        axes=log.axes,
         notes=tuple(notes),
     )
+
+
+def _find_wall_contacts(log: Log, sigma: Array) -> Mask:
+    """Rows in which the ball may touch a wall, shape (K,)."""
+    allowed = log.walls - (WALL_MARGIN_M + WALL_NOISE_STDS * sigma)
+    return np.asarray((np.abs(np.nan_to_num(log.ball)) > allowed).any(axis=-1))
 
 
 def interpolate(at: Array, time: Array, values: Array) -> Array:

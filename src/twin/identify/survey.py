@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -120,16 +120,18 @@ class Survey:
         columns: Those with numbers.
         guesses: Columns that may have a role.
         notes: What was left out, and what the times do.
+        typed: Words of the command line that was typed, which lacks its columns.
     """
 
     path: Path
     columns: tuple[SurveyedColumn, ...]
     guesses: tuple[RoleGuess, ...]
     notes: tuple[str, ...]
+    typed: tuple[str, ...]
 
     @property
     def command(self) -> str:
-        """The command line that would identify the rig, with a blank for each lacking role."""
+        """The command line that would use the log, with a blank for each lacking role."""
         options = [guess.option for guess in self.guesses]
         roles = {guess.role for guess in self.guesses}
         if not roles & {"time"} and any(column.clock is None for column in self.columns):
@@ -139,8 +141,7 @@ class Survey:
         for ball, angle in (("measured_x", "phi"), ("measured_y", "theta")):
             if ball in roles and not roles & {f"command_{angle}", f"measured_{angle}"}:
                 options.append(f"command_{angle}=NAME:deg")
-        columns = shlex.quote(",".join(options))
-        return f"ballplate identify {shlex.quote(str(self.path))} --columns {columns}"
+        return shlex.join([*self.typed, "--columns", ",".join(options)])
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON has it."""
@@ -158,7 +159,10 @@ class Survey:
 
 
 def survey(
-    path: Path, separator: str | None = None, content: ForeignTable | str | None = None
+    path: Path,
+    separator: str | None = None,
+    content: ForeignTable | str | None = None,
+    typed: Sequence[str] = (),
 ) -> Survey:
     """Look at what a log holds.
 
@@ -166,6 +170,7 @@ def survey(
         path: A file of any format that is read.
         separator: Between columns of text; None to find it.
         content: The file's table or its text; None to read it.
+        typed: Words of the command line that was typed; by default that of ``identify``.
 
     Raises:
         TwinError: If it cannot be read, or has no column of numbers.
@@ -193,7 +198,8 @@ def survey(
         if column.clock is not None and id(column.clock) not in described:
             described.add(id(column.clock))
             notes += _describe_times(f"the clock of {column.name}", column.clock)
-    return Survey(path, tuple(columns), guesses, tuple(notes))
+    words = tuple(typed) or ("ballplate", "identify", str(path))
+    return Survey(path, tuple(columns), guesses, tuple(notes), words)
 
 
 def _describe_times(name: str, time: Array) -> list[str]:

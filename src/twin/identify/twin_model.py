@@ -34,6 +34,7 @@ from twin.identify.parameters import (
     BALL_PARAMETERS,
     FITTED_SHARE,
     HIDDEN_PARAMETERS,
+    LEVELS,
     SERVO_PARAMETER,
     fitted_parameters,
 )
@@ -199,7 +200,7 @@ class TwinProblem(FitProblem[Windows]):
             surfaces: The screens, one per candidate; None for even ones.
         """
         values = self.values(theta)
-        level = np.stack((values["level_phi"], values["level_theta"]))
+        level = np.stack(np.broadcast_arrays(*(values[name] for name in LEVELS)))
         friction = Friction(
             rolling=values["rolling"],
             breakaway_ratio=values["breakaway"],
@@ -455,7 +456,7 @@ class Whiteness:
 def assess_parameters(
     names: tuple[str, ...], fit: Fit[TwinProblem], drives: Drives | None, left: Whiteness
 ) -> tuple[ParameterVerdict, ...]:
-    """One verdict per parameter asked for, in that order; the level has two.
+    """One verdict per parameter asked for, in that order; the level has one for each axis.
 
     Args:
         names: What was asked for.
@@ -472,23 +473,26 @@ def assess_parameters(
         elif name == "servo":
             found.append(_assess_servo(drives))
         else:
-            axes = ("level_phi", "level_theta") if name == "level" else (name,)
-            found += [_assess_ball(each, fit, ball, moved, rejected=left.rejected) for each in axes]
+            each_axis = LEVELS[: fit.problem.windows.axes] if name == "level" else (name,)
+            found += [
+                _assess_ball(each, fit, ball, moved, rejected=left.rejected) for each in each_axis
+            ]
     return tuple(found)
 
 
 def whiteness(fit: Fit[TwinProblem], test: WhitenessTest = WHITENESS_TEST) -> Whiteness:
     """How white the residuals of a fit are, corrected for the starts that are fitted as well."""
     windows, every = fit.problem.windows, fit.found.linearisation
+    axes = windows.axes
     products, counts = np.zeros((2, test.lags + 1))
     for r, Z, weight in zip(every.r[0], every.by_start[0], windows.weight, strict=True):  # noqa: N806
-        there = np.repeat((weight > 0).all(axis=-1), 2)
+        there = np.outer((weight > 0).all(axis=-1), np.arange(2) < axes).ravel()
         r, Z = r[there], Z[there]  # noqa: N806, PLW2901
         taken = Z @ np.linalg.solve(Z.T @ Z + START_PRIOR, Z.T)
-        for lag in range(min(test.lags + 1, len(r) // 2)):
-            alike = r[2 * lag :] @ r[: len(r) - 2 * lag]
-            products[lag] += alike + (np.trace(taken, 2 * lag) if lag else 0.0)
-            counts[lag] += len(r) - 2 * lag
+        for lag in range(min(test.lags + 1, len(r) // axes)):
+            alike = r[axes * lag :] @ r[: len(r) - axes * lag]
+            products[lag] += alike + (np.trace(taken, axes * lag) if lag else 0.0)
+            counts[lag] += len(r) - axes * lag
     variance = products[0] / max(counts[0], 1)
     correlation = products[1:] / np.maximum(counts[1:], 1) / max(variance, 1e-300)
     return Whiteness(
@@ -591,7 +595,7 @@ def replay_log(
         if name in problem.names:
             frictionless[:, problem.names.index(name)] = value
     predictors = {"model": theta, "without friction": frictionless}
-    return predict_windows(problem, lead, predictors, "xy", how)
+    return predict_windows(problem, lead, predictors, "xy"[: windows.axes], how)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -615,13 +619,14 @@ class TwinIdentification(Identification):
             for each in self.verdicts
             if each.word in words and each.value is not None
         }
-        pair = [known.pop(name, None) for name in ("level_phi", "level_theta")]
+        pair = [known.pop(name, None) for name in LEVELS]
         values = {
-            each.about.key: f"{each.value:.6g}  # {each.interval}, 95 %" for each in known.values()
+            each.about.key: f"{each.value:z.6g}  # {each.interval}, 95 %" for each in known.values()
         }
         if any(pair):
-            level = ", ".join("0.0" if each is None else f"{each.value:.6g}" for each in pair)
-            ends = "; ".join("unknown" if each is None else each.interval for each in pair)
+            level = ", ".join("0.0" if each is None else f"{each.value:z.6g}" for each in pair)
+            known_ends = pair[: self.log.axes]
+            ends = "; ".join("unknown" if each is None else each.interval for each in known_ends)
             values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"
         return values | self.over
 
@@ -666,7 +671,7 @@ def _fit_windows(
             fit_twin(
                 log.model,
                 windows,
-                fitted_parameters(asked),
+                fitted_parameters(asked, windows.axes),
                 grip,
                 uneven=uneven,
                 selection=selection,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -219,6 +219,7 @@ class Windows(SampleWindows):
         resting: Whether the ball rests at the beginning, shape (W,).
         paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
         field: What accelerates the ball.
+        axes: Number of axes of the rig; of 1 the second counts nowhere and its level has no effect.
         white: What makes residuals white that hold unknown motion, shape (W, M, M); None where
             there is none.
     """
@@ -227,6 +228,8 @@ class Windows(SampleWindows):
     paces: Array
     field: AccelerationField
     white: Array | None = None
+    _: KW_ONLY
+    axes: int = 2
     by_window = (*SampleWindows.by_window, "resting", "paces")
 
     @classmethod
@@ -255,6 +258,8 @@ class Windows(SampleWindows):
         )
         values = (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
         time, x, y, count = average_bins(row, place[row, sample], len(begin), bins, *values)
+        moved = AccelerationField.of(log.model, angle, rate)
+        there = np.arange(2)[:, None, None] < log.axes
         return cls(
             begin,
             time,
@@ -262,8 +267,15 @@ class Windows(SampleWindows):
             np.sqrt(count)[..., None] / log.sigma,
             spans.resting,
             paces(segment, begin),
-            AccelerationField.of(log.model, angle, rate),
+            moved._replace(tilt=moved.tilt * there),
+            axes=log.axes,
         )
+
+    @property
+    def size(self) -> Array:
+        """Number of values of the rig's axes in each window, at least 1, shape (W,)."""
+        there = self.weight[..., : self.axes] > 0
+        return np.asarray(np.maximum(there.sum(axis=(1, 2)), 1))
 
     def take(self, which: Mask) -> Windows:
         """Some of the windows."""
@@ -278,7 +290,7 @@ class Windows(SampleWindows):
         field = AccelerationField(*(np.concatenate(values, axis=-1) for values in every))
         names = cls.by_window
         rest = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        return cls(field=field, **rest)
+        return cls(field=field, axes=parts[0].axes, **rest)
 
     def at_samples(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
         """Predicted reports of the screen with their rates, both shape (C, W, B, 2).
@@ -323,9 +335,9 @@ def unknown_motion(windows: Windows, delay: float) -> Array:
 
     Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
     errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each
-    axis its own, drawn at random. What they may have moved the ball by is left out of a window's
-    likelihood (generalised least squares), so that a window may be long enough to show a dead time
-    without showing a rough screen as one.
+    axis of the rig its own, drawn at random. What they may have moved the ball by is left out of a
+    window's likelihood (generalised least squares), so that a window may be long enough to show a
+    dead time without showing a rough screen as one.
 
     Args:
         windows: W windows of B samples.
@@ -339,7 +351,8 @@ def unknown_motion(windows: Windows, delay: float) -> Array:
     since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
     twice = since**2 / 2
     moved = twice[..., :-1] - twice[..., 1:]
-    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
+    there = np.diag(np.arange(2) < windows.axes).astype(float)
+    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, there)
     return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
 
 

@@ -22,8 +22,8 @@ from twin.shadow.belief import logs
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 
-EXCITATIONS = ("excite", "circle", "sine")
-"""Shipped scenarios that are compared if none is chosen."""
+EXCITATIONS = {1: ("line", "excite", "circle"), 2: ("excite", "circle", "sine")}
+"""Shipped scenarios that are compared if none is chosen, by the number of axes of the rig."""
 FAMILY, OWN_FAMILY = "uncertain", "own"
 """Families of what is not known of the thesis's rig, and of any other."""
 DRAWN_RIGS, MAX_RIGS = 4, 200
@@ -36,9 +36,9 @@ FORECAST_HEADINGS = (
     "parameter",
     "unit",
     "nominal rig",
-    "verdict",
-    "drawn rigs: half width, median",
-    "largest",
+    "expected verdict",
+    "drawn rigs: +- median",
+    "+- largest",
     "identified",
 )
 """Columns of the table of a forecast."""
@@ -61,6 +61,20 @@ class RigChoice:
     settings: tuple[str, ...] = ()
 
     @property
+    def changes(self) -> tuple[str, ...]:
+        """The rig as a setting of a scenario."""
+        return (f"parameters={self.on}",) if self.on else ()
+
+    @cached_property
+    def axes(self) -> int:
+        """Number of axes of the rig.
+
+        Raises:
+            ScenarioError: If there is no such rig or key.
+        """
+        return Builder("hold")([*self.changes, *self.settings], {}).plant.axes
+
+    @property
     def family(self) -> str:
         """Name of the family that says what is not known of the rig."""
         return OWN_FAMILY if self.on else FAMILY
@@ -76,8 +90,7 @@ class RigChoice:
             ScenarioError: If there is no such scenario, rig or key.
         """
         build = Builder(str(name))
-        rig = (f"parameters={self.on}",) if self.on else ()
-        fixed = [f"duration={seconds:g}", *rig, *self.settings]
+        fixed = [f"duration={seconds:g}", *self.changes, *self.settings]
         believed = at_study_step(build(fixed, {}))
         family = read_family(self.family)
         relative = {key for key, about in family.parameters.items() if about.relative}
@@ -155,7 +168,10 @@ class MotionForecast:
         """What the table does not say: what is not told apart, and where nothing is expected."""
         for each in dict.fromkeys(group for rig in self.every for group in rig.indistinct):
             count = sum(each in rig.indistinct for rig in self.every)
-            yield f"not told apart on {count} of {len(self.every)} rigs: {' and '.join(each)}"
+            yield (
+                f"expected to be known only together on {count} of {len(self.every)} rigs: "
+                f"{' and '.join(each)}"
+            )
         if self.nominal.why:
             yield f"nothing is expected of the nominal rig: {self.nominal.why}"
         lost = [each.why for each in self.drawn if each.why]
@@ -186,12 +202,18 @@ def _describe(found: ParameterVerdict | None) -> str:
         return "-"
     if math.isinf(half) or found.value is None:
         return found.interval
-    share = f" ({100 * half / abs(found.value):.2g} %)" if found.about.relative else ""
-    return f"{found.value:.4g} +- {half:.2g}{share}"
+    percent = round_plainly(100 * half / abs(found.value)) if found.value else ""
+    share = f" ({percent} %)" if found.about.relative and percent else ""
+    return f"{found.value:.4g} +- {round_plainly(half)}{share}"
 
 
 def _number(half: float) -> str:
-    return f"{half:.2g}" if math.isfinite(half) else "none"
+    return round_plainly(half) if math.isfinite(half) else "none"
+
+
+def round_plainly(value: float) -> str:
+    """A number of two digits, and zeros where it is larger: 210, not 2.1e+02."""
+    return f"{float(f'{value:.2g}'):.15g}"
 
 
 def check_plan(seconds: float, choice: RigChoice, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -269,10 +291,11 @@ def forecast_motions(
 ) -> list[MotionForecast]:
     """Forecasts of several scenarios, the one that tells most first; arguments as of one."""
     found = []
-    for k, name in enumerate(scenarios or EXCITATIONS):
+    chosen = scenarios or EXCITATIONS[choice.axes]
+    for k, name in enumerate(chosen):
 
         def advance(done: float, k: int = k) -> None:
-            progress((k + done) / len(scenarios or EXCITATIONS))
+            progress((k + done) / len(chosen))
 
         found.append(forecast_motion(name, seconds, choice, names, share, advance))
     return sorted(found, key=lambda each: each.score)

@@ -20,17 +20,21 @@ from twin.base.writing import write_whole
 from twin.identify.logs import Log
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE
 from twin.plan.experiment import (
+    EXCITATIONS,
     MotionForecast,
     RigChoice,
     check_plan,
     forecast_motion,
     forecast_runs,
+    round_plainly,
 )
 from twin.run.assemble import build_reference
 from twin.scenario.load import inline, read
 from twin.scenario.schema import RigLimitsTable, Scenario
 from twin.shadow.belief import logs
 
+PROCESSOR_S_PER_S, SLOWEST_RATIO = 0.25, 3
+"""Processor time of a forecast of one rig in s for each second of its run, and a factor on it."""
 LAW_TABLES = ("controller", "observer", "predictor")
 """Tables of a scenario that an optimised motion takes over."""
 
@@ -201,14 +205,47 @@ def write_motion(file: Path, motion: OptimisedMotion) -> None:
 def format_table(believed: Scenario) -> str:
     """The reference of a scenario as a table for a board: a row for each control period.
 
-    Columns are the time in s, the desired position of the ball in m and its velocity in m/s.
+    Columns are the time in s, the desired position of the ball in m and its velocity in m/s, each
+    along the axes of the rig.
     """
+    axes = believed.plant.axes
     time = believed.rig.period * np.arange(round(believed.duration / believed.rig.period))
     place, speed = build_reference(believed)(time)[:2]
-    columns = np.column_stack((time, place.reshape(-1, 2), speed.reshape(-1, 2)))
-    head = "time [s],x [m],y [m],x_rate [m/s],y_rate [m/s]"
+    each = (values.reshape(-1, 2)[:, :axes] for values in (place, speed))
+    columns = np.column_stack((time, *each))
+    names = "xy"[:axes]
+    head = ",".join(("time [s]", *(f"{n} [m]" for n in names), *(f"{n}_rate [m/s]" for n in names)))
     rows = (",".join(f"{each:.6g}" for each in row) for row in columns)
     return "\n".join((head, *rows)) + "\n"
+
+
+def describe_work(
+    motions: int,
+    seconds: float,
+    choice: RigChoice,
+    *,
+    optimise: bool,
+    how: MotionSearch = MOTION_SEARCH,
+) -> str:
+    """What will be forecast, and roughly how long it takes on one processor.
+
+    Args:
+        motions: Number of scenarios; 0 for the usual ones.
+        seconds: Their duration.
+        choice: The rigs.
+        optimise: Whether a motion is sought, too.
+        how: Constants of the search.
+    """
+    count, rigs = motions or len(EXCITATIONS[choice.axes]), choice.rigs + 1
+    searched = how.first + how.rounds * how.parents * how.children
+    forecasts = rigs * (count + optimise) + (how.rigs + 1) * searched * optimise
+    least = forecasts * seconds * PROCESSOR_S_PER_S
+    many = "a motion" if count == 1 else f"{count} motions"
+    return (
+        f"forecasting {many} of {seconds:g} s on {rigs} rig{'s' * (rigs > 1)}"
+        f"{', and a search for a better one' * optimise}: about {round_plainly(least)} s of "
+        f"processor time, up to {SLOWEST_RATIO} times that on a rough screen"
+    )
 
 
 def keeps_ball(log: Log, duration: float) -> bool:

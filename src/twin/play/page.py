@@ -70,6 +70,10 @@ class Plate(Drawn, component="plate.js"):
         self.update()
 
 
+DRAWN_SIDE = 700.0
+"""Length of the longest side of a plate in the side views, in units of their picture."""
+
+
 class Sides(Drawn, component="tilt.js"):
     """The plate from two sides, so that its tilt is seen: the last row."""
 
@@ -242,7 +246,11 @@ class Page:
                         plate = Plate(size, lambda *to: do(Goal(*to)), lambda *by: do(Push(*by)))
                         self.plate = plate.style("flex:99 1 18rem;min-width:0")
                         halves = zip(PAGE_TABLES["sides"], size.screen, strict=True)
-                        sides = [each | {"half": 500 * side} for each, side in halves]
+                        scale = DRAWN_SIDE / max(size.screen[: size.axes])
+                        sides = [
+                            each | {"half": scale * side / 2, "scale": scale}
+                            for each, side in halves
+                        ]
                         shown = Sides(sides=sides[: size.axes])
                         self.sides = shown.style("flex:1 1 16rem;min-width:0")
                     self._legend()

@@ -1,11 +1,11 @@
-// The plate from two sides, in mm, its tilt drawn steeper than it is and told in numbers.
+// The plate from its sides, its longest one 700 long, its tilt drawn steeper than it is and told in numbers.
 const STEEPER = 4;
 const DEG = 180 / Math.PI;
 
 export default {
   template: `
     <div>
-      <div style="font-size:.8rem;color:#37424a">Side views; tilt is drawn {{ steeper }} times as steep</div>
+      <div style="font-size:.8rem;color:#37424a">Side view{{ sides.length > 1 ? "s" : "" }}; tilt is drawn {{ steeper }} times as steep</div>
       <div style="display:flex;flex-wrap:wrap;gap:.4rem">
       <div v-for="side in sides" :key="side.axis" style="flex:1 1 10rem">
         <svg viewBox="-400 -235 800 470" :data-testid="'side-' + side.axis"
@@ -40,10 +40,10 @@ export default {
     // rows of numbers in SI, oldest first: the last one is what is drawn
     show(rows) {
       const row = rows[rows.length - 1];
-      for (const { axis, angle, lowers, half } of this.sides) {
+      for (const { axis, angle, lowers, half, scale } of this.sides) {
         // what lowers the positive end turns clockwise
         const tilt = DEG * row[this.at[angle]], part = (name) => this.$refs[axis + name][0];
-        const within = (name) => Math.max(-half, Math.min(half, 1000 * row[this.at[name]]));
+        const within = (name) => Math.max(-half, Math.min(half, scale * row[this.at[name]]));
         part("").setAttribute("transform", `rotate(${(lowers * STEEPER * tilt).toFixed(2)})`);
         part("Ball").setAttribute("cx", within(axis));
         part("Goal").setAttribute("transform", `translate(${within("goal_" + axis)} 0)`);

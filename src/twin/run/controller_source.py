@@ -39,11 +39,12 @@ def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
 
     Raises:
         TwinError: If the name is no name in C, the controller has no form in C, or the folder
-            cannot be written.
+            cannot be written or holds anything else.
     """
     name = file.stem
     if not NAME_PATTERN.fullmatch(name) or name in RESERVED_NAMES:
         raise RecordError(f"{file}: names in C begin with the name: a-z, 0-9 and _, no keyword")
+    _check_own(file)
     texts = sources(name, control_of(scenario), real)
     run = reference_run(scenario, scenario.duration)
     texts["reference_run.csv"] = run.to_csv(index=False, lineterminator="\n")
@@ -53,6 +54,28 @@ def export(file: Path, scenario: Scenario, *, real: str = "double") -> Path:
     return folder
 
 
+def _check_own(file: Path) -> None:
+    """Make sure that the folder of a C file is empty, or of an earlier export of this name.
+
+    Raises:
+        RecordError: If it holds anything else.
+    """
+    folder = file.with_suffix("")
+    try:
+        foreign = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        source = folder / file.name
+        if foreign and source.is_file():
+            foreign = EXPORT_MARK not in source.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise RecordError(f"{folder}: cannot be read: {error.strerror or error}") from error
+    if foreign:
+        raise RecordError(
+            f"{folder}: is no folder of an earlier export; give {file.name} another name or place"
+        )
+
+
+EXPORT_MARK = "Written by `ballplate export`"
+"""Text in each C file of an export."""
 RUN_COLUMNS = (
     *("x", "phi", "y", "theta", "age", "touched"),
     *(f"desired_{axis}_{order}" for order in range(5) for axis in "xy"),

@@ -227,6 +227,8 @@ COLUMN_UNITS = {"time": "s"} | {
 """Columns of a run and their SI units; others of a log are left out."""
 NEEDED_COLUMNS = ("time", *CHANNELS["measured"].columns)
 """Columns that a log must have."""
+SECOND_AXIS_COLUMNS = ("measured_y", "measured_theta")
+"""Those of them that a log of a rig of one axis lacks."""
 MAX_MEASURED = {
     "measured_x": 0.55 * SCREEN_SIZE_M[0],
     "measured_y": 0.55 * SCREEN_SIZE_M[1],
@@ -234,17 +236,21 @@ MAX_MEASURED = {
     "measured_theta": 0.26,
 }
 """Where the screen and the plate's travel end, with a margin, m and rad."""
+MAX_ONE_AXIS_TILT_RAD = 0.6
+"""Where the travel of a tube or beam ends, with a margin, rad."""
 START_TOLERANCE_M = 1e-3
 """Distance in m up to which a ball starts at the place of its scenario."""
 
 
 def read_log(path: Path) -> dict[str, Array]:
-    """The columns of a CSV log in SI units.
+    """The columns of a CSV log in SI units; of a rig of one axis the second is 0.
 
     Raises:
         LogError: If it cannot be read, lacks a column or a row, or its time does not rise.
     """
     rows, _ = read_columns(path, COLUMN_UNITS, NEEDED_COLUMNS)
+    axes = 1 if SECOND_AXIS_COLUMNS[0] not in rows else 2
+    rows = dict.fromkeys(SECOND_AXIS_COLUMNS, np.zeros_like(rows["time"])) | rows
     kept = np.all([np.isfinite(rows[name]) for name in ("time", *NEEDED_COLUMNS[2::2])], axis=0)
     rows = {name: values[kept] for name, values in rows.items()}
     if kept.sum() < 2:
@@ -254,17 +260,18 @@ def read_log(path: Path) -> dict[str, Array]:
     if not np.isfinite(rows["measured_x"] + rows["measured_y"]).any():
         raise LogError(f"{path.name}: no row has a position of the ball")
     for name in MAX_MEASURED:
-        check_reach(path.name, name, rows[name])
+        check_reach(path.name, name, rows[name], axes=axes)
     return rows
 
 
-def check_reach(source: str, name: str, values: Array) -> None:
+def check_reach(source: str, name: str, values: Array, *, axes: int = 2) -> None:
     """Make sure that a column is not beyond what the rig can do.
 
     Args:
         source: What to call the log in messages.
-        name: The column, one of ``FARTHEST``.
+        name: The column, one of ``MAX_MEASURED``.
         values: In SI units, NaN where there is none.
+        axes: Number of axes of the rig.
 
     Raises:
         LogError: Naming the column, and the unit its numbers look like.
@@ -274,6 +281,7 @@ def check_reach(source: str, name: str, values: Array) -> None:
         MAX_MEASURED[name],
         COLUMN_UNITS[name],
     )
+    most = MAX_ONE_AXIS_TILT_RAD if axes == 1 and unit == "rad" else most
     if reach > most:
         lengths = {100: "millimetres", 4: "centimetres", 0: "a different unit"}
         like = next(word for factor, word in lengths.items() if reach > factor * most)
@@ -367,7 +375,11 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
 
 
 def _require(names: list[str], needed: Sequence[str], source: str) -> None:
-    if missing := [name for name in needed if name not in names]:
+    """Make sure that a log has its columns; those of the second axis may be missing together."""
+    missing = [name for name in needed if name not in names]
+    if set(SECOND_AXIS_COLUMNS) <= set(missing):
+        missing = [name for name in missing if name not in SECOND_AXIS_COLUMNS]
+    if missing:
         has = ", ".join(name[:60] for name in names[:12]) + (", ..." if len(names) > 12 else "")
         raise LogError(
             f"{source}: no column {', '.join(missing)} (it has {has or 'none'}); identify takes "

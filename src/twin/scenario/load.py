@@ -10,6 +10,7 @@ import copy
 import itertools
 import json
 import math
+import re
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import reduce
@@ -298,8 +299,35 @@ def _merge_tables(
     stated = [f"lengths x {share:.3g}"] * (found["reference"] != merged["reference"])
     stated += ["along x"] * (one_left and _goes_along_y(found["reference"]))
     if stated and "title" not in dict(settings):
-        found["title"] = f"{found.get('title')}, {', '.join(stated)}"
+        title = str(found.get("title"))
+        if one_left and (real := _shrink_lengths(title, known.values(), share)) != title:
+            title, stated = real, [each for each in stated if not each.startswith("lengths")]
+        found["title"] = ", ".join((title, *stated))
     return found
+
+
+def _shrink_lengths(title: str, lengths: Iterable[Any], share: float) -> str:
+    """A title with the lengths of its reference along x as they are after they have shrunk.
+
+    Args:
+        title: As ``Step to (150, 150) mm``.
+        lengths: Those of the reference before, m; a length that is none of them stays.
+        share: Factor on them.
+    """
+    flat = (np.ravel(np.array(each, dtype=object)) for each in lengths)
+    known = {
+        round(1000 * abs(each), 6)
+        for each in itertools.chain(*flat)
+        if isinstance(each, int | float)
+    }
+
+    def real(match: re.Match[str]) -> str:
+        scale = 1000.0 if match[2] == "m" else 1.0
+        numbers = [round(scale * float(each), 6) for each in match[1].split(",")]
+        return f"{share * numbers[0]:.3g} mm" if {*numbers} <= known else match[0]
+
+    changed = re.sub(r"\(?((?:\d+\.?\d*, )?\d+\.?\d*)\)? (mm|m)\b", real, title)
+    return changed.replace(" on both axes", "") if changed != title else title
 
 
 def _goes_along_y(table: Mapping[str, Any]) -> bool:

@@ -28,6 +28,7 @@ from scipy.special import log_ndtr
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
+from twin.identify.parameters import LEVELS
 from twin.identify.windows import Windows
 from twin.shadow.belief import (
     BALL_BELIEFS,
@@ -579,7 +580,10 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
         gap = sum(share * width for share, width in zip(at.values(), PLAY_WIDTHS_RAD, strict=True))
         return f"{np.degrees(gap):+.2f} deg"
     parts = []
+    absent = LEVELS[belief.scenario.plant.axes :]
     for parameter, value in at.items():
+        if parameter in absent:
+            continue
         about = BELIEF_TABLES["parameters"][parameter]
         unit = belief.values["rolling"] if parameter == "rolling" else 1.0
         size = np.exp(value) if parameter == "noise" else about["factor"] * (value / unit)

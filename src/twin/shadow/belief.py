@@ -14,7 +14,7 @@ from controllers.ballplate import BallPlate
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError
 from twin.base.settings import from_scenarios
-from twin.identify.logs import AnyLog, Log, of_columns
+from twin.identify.logs import AnyLog, Log, farthest_places, of_columns
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem
 from twin.identify.windows import Windows
@@ -199,6 +199,11 @@ class Belief:
         return np.asarray(variances[..., None] * np.eye(len(WATCHED_PARAMETERS)))
 
     @property
+    def walls(self) -> tuple[float, float]:
+        """How far the ball comes between walls along x and y, m; infinite without any."""
+        return farthest_places(self.scenario.plant.rim.size, self.model.radius)
+
+    @property
     def uncertainty(self) -> Array:
         """Covariance of what the belief may be wrong by, shape (P, P)."""
         return np.asarray(np.diag(self.constant**2))
@@ -244,19 +249,27 @@ MAX_DEAD_TIME_S = 0.1
 """Longest dead time in s of the twin of a log of any rig: any excess is attributed to the plate."""
 
 
-def twin_for_log(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
+def twin_for_log(
+    log: AnyLog, overrides: Sequence[str] = (), factor: float | None = None
+) -> tuple[Log, Belief]:
     """A log of any rig as a twin of it sees it, and that twin.
 
     Args:
         log: With commands or angles of the plate.
         overrides: ``KEY=VALUE`` each over the rig as the project describes it, as
             ``parameters=FILE`` of what ``identify`` found.
+        factor: Share of gravity that accelerates the ball; None for the rig's ball.
 
     Raises:
         TwinError: If a key or value is wrong, or the log is not of this rig.
     """
     found = resolve(read("circle")[0], "the twin", [setting(text) for text in overrides])
     scenario = load_recorded(*found)[0]
+    if factor is not None:
+        ball = scenario.plant.ball
+        inertia = ball.mass * ball.radius**2 * (1 / factor - 1)
+        tables = put(scenario.model_dump(mode="json"), [("plant.ball.inertia", inertia)])
+        scenario = check(tables, "the twin")
     dead_time = scenario.sensors.touch.dead_time
     later = max(0.0, dead_time - MAX_DEAD_TIME_S)
     tables = put(scenario.model_dump(mode="json"), [("sensors.touch.dead_time", dead_time - later)])
@@ -296,7 +309,8 @@ def check_commands(log: Log) -> None:
     if log.command is None:
         raise LogError(
             f"{log.source}: no columns applied_phi_acc and applied_theta_acc (or applied_..._rate):"
-            " the twin of a rig needs the rig's commands"
+            " the twin of a rig needs the rig's commands; to take the plate's measured angles for"
+            " them, give --columns time=time,measured_x=measured_x,measured_phi=measured_phi"
         )
 
 

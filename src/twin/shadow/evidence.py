@@ -26,6 +26,7 @@ from controllers.arrays import Array, Mask
 from twin.base.settings import from_scenarios
 from twin.identify.least_squares import Linearisation, fit_starts
 from twin.identify.logs import Log
+from twin.identify.parameters import LEVELS
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.windows import (
@@ -245,8 +246,8 @@ def noise_level(ball: Array, variance: Array) -> float:
     From how three in a row differ from a line, as second differences forget the ball's motion.
 
     Args:
-        ball: Samples in m, shape (K, 2).
-        variance: What is believed, m^2, shape (2,).
+        ball: Samples in m, shape (K, A) along A axes.
+        variance: What is believed, m^2, shape (A,).
     """
     bend = np.diff(ball, n=2, axis=0)
     return float(np.log(((bend**2).mean(axis=0) / (6 * variance)).mean()) / 2)
@@ -263,11 +264,11 @@ def noise_evidence(
         gaps: Of the log; where there is one there is no evidence.
         since: When the first window begins, s, where the log goes back further.
     """
-    parts = (_noise_of(segment, belief, since) for segment in log.segments)
+    parts = (_noise_of(segment, belief, log.axes, since) for segment in log.segments)
     return without_gaps(parts, gaps)
 
 
-def _noise_of(segment: Segment, belief: Belief, since: float) -> Evidence:
+def _noise_of(segment: Segment, belief: Belief, axes: int, since: float) -> Evidence:
     begin = max(float(segment.time[0]), since)
     begins = begin + PLATE_WINDOW_S * np.arange(int((segment.time[-1] - begin) / PLATE_WINDOW_S))
     spans, levels, counts = [], [], []
@@ -275,8 +276,9 @@ def _noise_of(segment: Segment, belief: Belief, since: float) -> Evidence:
         ball = segment.ball[(segment.sampled >= begin) & (segment.sampled < begin + PLATE_WINDOW_S)]
         if len(ball) >= MIN_SCREEN_SAMPLES:
             spans.append((begin, begin + PLATE_WINDOW_S))
-            levels.append(noise_level(ball, np.maximum(belief.screen, 1e-12)))
-            counts.append(2 * (len(ball) - 2) / _NOISE_RATIO)
+            variance = np.maximum(belief.screen, 1e-12)
+            levels.append(noise_level(ball[:, :axes], variance[:axes]))
+            counts.append(axes * (len(ball) - 2) / _NOISE_RATIO)
     # the logarithm of a standard deviation from n values has variance 1 / (2 n)
     information = 2 * np.array(counts)
     score = information * np.array(levels)
@@ -352,7 +354,9 @@ def _expand(windows: Windows, belief: Belief, theta: Array) -> Evidence:
     # twice the log-likelihood that some deviation gains is the reduction of the squares
     gained = 2 * log_evidence(information, score, prior)
     gained += np.linalg.slogdet(np.eye(len(BALL_BELIEFS)) + information @ prior)[1]
-    left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL_BELIEFS), 1)
+    # a rig of one axis has half a start, and one level
+    unknowns = 2 * windows.axes + len(BALL_BELIEFS) - len(LEVELS[windows.axes :])
+    left = (squares - gained) / np.maximum(windows.size - unknowns, 1)
     left = np.maximum(left, 1.0)
     parts = {"height": height, "stopping": stopping, "dispersion": left}
     return Evidence.of(BALL_BELIEFS, spans, information, score, **parts)

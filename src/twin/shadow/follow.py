@@ -22,8 +22,10 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError
+from twin.hal.interface import AXIS_NAMES
 from twin.identify.logs import LOG_COLUMN_UNITS, Log, of_columns
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
+from twin.identify.parameters import LEVELS
 from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, prepare
 from twin.identify.windows import Windows, unknown_motion
 from twin.run.logs import NEEDED_COLUMNS
@@ -51,7 +53,7 @@ from twin.shadow.evidence import (
     plate_evidence,
     posterior,
 )
-from twin.shadow.horizon import CHI_SQUARE_95, HORIZON_S, FrictionMap, Replays, replays
+from twin.shadow.horizon import HORIZON_S, FrictionMap, Replays, replays
 
 LEAST_TOLD = 5.0
 """Minimum motion in s for a verdict on the rig's health."""
@@ -127,7 +129,7 @@ class Shadow:
         """Percentage of the replays that end in their 95 % band."""
         if self.replays is None or not self.replays.counted.any():
             return None
-        return float(100 * (self.replays.square[self.replays.counted] <= CHI_SQUARE_95).mean())
+        return float(100 * self.replays.inside[self.replays.counted].mean())
 
     @property
     def error_1s(self) -> float | None:
@@ -206,7 +208,8 @@ class Follower:
             LogError: If there is too little yet, or the ball is off the screen.
         """
         now = float(log.time[-1])
-        usable = self._of_late(prepare(replace(log, model=self._belief.model)), now)
+        own = replace(log, model=self._belief.model, walls=self._belief.walls)
+        usable = self._of_late(prepare(own), now)
         until = np.inf if whole else now - PENDING_S
         result = self.result
         result.source, result.length, result.notes = usable.source, usable.length, usable.notes
@@ -372,8 +375,10 @@ class LiveFollower(Follower):
             return False
         # a log's acceleration is summed from its first row; here from the first row of the run
         new = {name: rows[name] for name in LOG_COLUMN_UNITS if name in rows}
-        for axis, name in enumerate(("phi", "theta")):
-            steps = self.period * np.nan_to_num(new.pop(f"applied_{name}_acc"))
+        for axis, name in enumerate(AXIS_NAMES):
+            if (acceleration := new.pop(f"applied_{name}_acc", None)) is None:
+                continue  # a rig of one axis has no theta
+            steps = self.period * np.nan_to_num(acceleration)
             rate = self._rate[axis] + np.cumsum(steps)
             new[f"applied_{name}_rate"], self._rate[axis] = rate, rate[-1]
         old = self._rows or {name: np.zeros(0) for name in new}
@@ -453,12 +458,13 @@ def _fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, 
 def taught(before: Belief, after: Belief) -> str:
     """Describe what a twin has learned, in a sentence."""
     old, new = before.values, after.values
-    level = np.degrees([new[name] - old[name] for name in ("level_phi", "level_theta")])
+    levels = np.degrees([new[name] - old[name] for name in LEVELS[: after.scenario.plant.axes]])
+    level = " and ".join(f"{each:+.2f}" for each in levels)
     return (
         f"The first {LEARNING_S:g} s taught the twin what its identification left open (rolling "
         f"friction {100 * (new['rolling'] / old['rolling'] - 1):+.0f} %, dead time "
-        f"{1000 * (new['delay'] - old['delay']):+.0f} ms, level {level[0]:+.2f} and "
-        f"{level[1]:+.2f} deg, tilt gain {100 * (new['gain'] / old['gain'] - 1):+.0f} %, a screen "
+        f"{1000 * (new['delay'] - old['delay']):+.0f} ms, level {level} deg, tilt gain "
+        f"{100 * (new['gain'] / old['gain'] - 1):+.0f} %, a screen "
         f"uneven by {after.scenario.plant.surface.spread_percent:g} %); the remainder is evaluated."
     )
 

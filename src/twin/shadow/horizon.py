@@ -349,6 +349,8 @@ def _sigma_points(before: Smoothed, belief: Belief) -> tuple[tuple[Array, Array]
 
 CHI_SQUARE_MEDIAN, CHI_SQUARE_95 = 2 * np.log(2.0), 5.991
 """Median and 95 % quantile of a chi-square of two degrees of freedom."""
+CHI_SQUARES = {1: (0.4549, 3.841), 2: (CHI_SQUARE_MEDIAN, CHI_SQUARE_95)}
+"""The same by degrees of freedom, the number of axes."""
 PATH_STEPS = 5
 """Steps of a replay from one point of its path that is kept to the next."""
 
@@ -362,6 +364,7 @@ class Replays(NamedTuple):
         spread: Predicted covariance of it, m^2, shape (W, 2, 2).
         moved: Whether the ball moved, so that the replay shows anything, shape (W,).
         path: Where the twin's ball is from the start on, every ``DRAWN`` steps, m, shape (W, N, 2).
+        axes: Number of axes of the rig; of 1 the second error is 0.
     """
 
     time: Array
@@ -369,15 +372,17 @@ class Replays(NamedTuple):
     spread: Array
     moved: Mask
     path: Array
+    axes: int = 2
 
     def take(self, which: Mask) -> Replays:
         """Some of them."""
-        return Replays._make(each[which] for each in self)
+        return Replays._make((*(each[which] for each in self[:-1]), self.axes))
 
     @classmethod
     def join(cls, parts: Sequence[Replays]) -> Replays:
         """All of several."""
-        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+        every = zip(*(part[:-1] for part in parts), strict=True)
+        return cls._make((*map(np.concatenate, every), parts[0].axes))
 
     @property
     def square(self) -> Array:
@@ -388,7 +393,7 @@ class Replays(NamedTuple):
     @property
     def score(self) -> Array:
         """Error over predicted spread, scaled so that half of all are below 1, shape (W,)."""
-        return np.asarray(np.sqrt(self.square / CHI_SQUARE_MEDIAN))
+        return np.asarray(np.sqrt(self.square / CHI_SQUARES[self.axes][0]))
 
     @property
     def distance(self) -> Array:
@@ -398,7 +403,13 @@ class Replays(NamedTuple):
     @property
     def band(self) -> Array:
         """How far the 95 % ellipse reaches in the direction of the error, m, shape (W,)."""
-        return np.asarray(self.distance * np.sqrt(CHI_SQUARE_95 / np.maximum(self.square, 1e-12)))
+        most = CHI_SQUARES[self.axes][1]
+        return np.asarray(self.distance * np.sqrt(most / np.maximum(self.square, 1e-12)))
+
+    @property
+    def inside(self) -> Mask:
+        """Whether the error is within the 95 % ellipse, shape (W,)."""
+        return np.asarray(self.square <= CHI_SQUARES[self.axes][1])
 
     @property
     def counted(self) -> Mask:
@@ -449,7 +460,7 @@ def replays(
         parts.append(_replay(found, after.take(part), belief, log.sample_period))
     error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
     moved = _moving(log, start) & clear(start - LEAD_S - LOOKBACK_S, start + HORIZON_S, gaps)
-    return Replays(start, error, spread, moved, path[:, ::PATH_STEPS])
+    return Replays(start, error, spread, moved, path[:, ::PATH_STEPS], log.axes)
 
 
 def _moving(log: PreparedLog, start: Array) -> Mask:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from twin.identify.any_rig import identify_axes
-from twin.identify.logs import read, read_any, wanted_columns
+from twin.identify.any_rig import AxisIdentification, identify_axes
+from twin.identify.logs import GRAVITY_SHARES, ball_factor, read, read_any, wanted_columns
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE
 from twin.identify.report import write
 from twin.identify.twin_model import identify_twin
@@ -46,7 +46,8 @@ class Reference:
         what = (
             "; ".join(known) or "nothing, so that the twin is the rig as the project describes it"
         )
-        return f"reference {self.found.source}: identified: {what}."
+        ball = [note for note in self.found.notes if note.startswith("the ball is taken as")]
+        return f"reference {self.found.source}: identified: {what}{'; '.join(('', *ball))}."
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -56,6 +57,28 @@ class Reference:
         }
 
 
+def _with_shown_ball(found: AxisIdentification) -> AxisIdentification:
+    """What was identified, with the ball that its gain is nearest to: hollow or solid.
+
+    A log shows only the product of tilt per command and the ball's share of gravity, so that this
+    is what is written; a ball that is not the rig's makes a different twin all the same, where the
+    product is beyond what a scenario takes as an error of the tilt.
+    """
+    gains = [
+        abs(each.value)
+        for each in found.verdicts
+        if each.name.startswith("gain_") and each.word == IDENTIFIED_VERDICT and each.value
+    ]
+    if not gains:
+        return found
+    shown = sum(gains) / len(gains) / found.ball.gravity
+    name, factor = min(GRAVITY_SHARES.items(), key=lambda each: abs(each[1] - shown))
+    if factor == found.factor:
+        return found
+    note = f"the ball is taken as {name}, which the gain is nearest to; --ball states it"
+    return replace(found, factor=factor, notes=(*found.notes, note))
+
+
 def learn_reference(
     log: Path,
     folder: Path,
@@ -63,6 +86,7 @@ def learn_reference(
     on: str = "",
     columns: str | None = None,
     separator: str | None = None,
+    ball: str | float | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Reference:
     """Identify a rig from a log of it while it was well.
@@ -74,6 +98,8 @@ def learn_reference(
             log's run.
         columns: Of a log of any rig, as ``identify`` takes them.
         separator: Between these.
+        ball: Of such a log: hollow, solid, or the share of gravity that accelerates it; None for
+            that of ``on``, or without it for the one that the log shows.
         progress: Called with the share of the work done.
 
     Raises:
@@ -82,14 +108,20 @@ def learn_reference(
         RecordError: If a file cannot be written.
     """
     found: Identification
-    ball = load("hold", [f"parameters={on}"]).plant.model if on else None
+    rig = load("hold", [f"parameters={on}"]).plant.model if on else None
     if columns is None:
         found = identify_twin(read(log), DEFAULT_PARAMETERS, FITTED_SHARE, progress)
     else:
         logged = read_any(log, wanted_columns(columns), separator)
         found = identify_axes(
-            [logged], 1 - FITTED_SHARE, progress=lambda share, _: progress(share), ball=ball
+            [logged],
+            1 - FITTED_SHARE,
+            factor=None if ball is None else ball_factor(ball),
+            progress=lambda share, _: progress(share),
+            ball=rig,
         )
+        if ball is None and not on:
+            found = _with_shown_ball(found)
     if on:
         found = replace(found, on=on)
     write(found, folder)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from twin.base.page import Block, Picture, Text, Verdict, html
 from twin.base.writing import write_json, write_whole
-from twin.identify.logs import read, read_any, wanted_columns
+from twin.identify.logs import ball_factor, read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges
 from twin.identify.windows import REPLAY_STEP_S
 from twin.run.assemble import drawn_mechanism
@@ -310,6 +310,7 @@ def examine(
     *,
     columns: str | None = None,
     separator: str | None = None,
+    ball: str | float | None = None,
     learning: bool = False,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Shadow:
@@ -321,6 +322,8 @@ def examine(
         overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
         columns: Of a log of any rig, as ``identify`` takes them.
         separator: Between these.
+        ball: Of such a log: hollow, solid, or the share of gravity that accelerates it; None for
+            that of the overrides' rig.
         learning: Whether the twin learns what is not known of the rig before it evaluates; it does
             of one given by identified parameters, and on a log of any rig.
         progress: Called with the share of the work done.
@@ -330,7 +333,8 @@ def examine(
     """
     if columns is not None:
         logged = read_any(log, wanted_columns(columns), separator)
-        recorded, belief = twin_for_log(logged, overrides)
+        factor = None if ball is None else ball_factor(ball)
+        recorded, belief = twin_for_log(logged, overrides, factor)
     else:
         recorded = replace(read(log), source=run_name(log))
         check_ranges(recorded)

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from scipy import stats
 
 from controllers.arrays import Array
-from twin.base.errors import nearest
+from twin.base.errors import ScenarioError, nearest
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_model, check_named_once, read_model
 from twin.run.files import MOTION_INDICATORS
@@ -261,8 +261,18 @@ def read(name: str | Mapping[str, Any], **given: Any) -> Study:
         given: Keys in place of the study's own; None for those that are not.
 
     Raises:
-        ScenarioError: If it does not exist, or anything in it is unknown or out of range.
+        ScenarioError: If it does not exist, anything in it is unknown or out of range, or it has no
+            use for a key that is given.
     """
     if isinstance(name, Mapping):
-        return check_model(Study, name, "study", **given)
-    return read_model(Study, chosen("study", name, shipped_in("studies")), **given)
+        found, source = check_model(Study, name, "study", **given), "study"
+    else:
+        path = chosen("study", name, shipped_in("studies"))
+        found, source = read_model(Study, path, **given), path.name
+    stepped = any(each.continuous for each in found.parameters.values())
+    if given.get("samples") and found.method == "grid" and not stepped:
+        raise ScenarioError(
+            f"{source}: samples: has no effect on a grid of values, whose runs are all of them; "
+            "leave it out, or set seeds"
+        )
+    return found

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.base.data_file import read_packaged
 from twin.devices.realtime import describe_lateness
 from twin.run.assemble import build_law
@@ -29,6 +29,8 @@ REST_TIME_S = 1.0
 """Seconds without motion at the end of a run after which a ball rests."""
 STILL_MOTION_M = 0.1e-3
 """Motion in m within that time that is none."""
+WALL_DISTANCE_M = 1e-4
+"""Distance in m from a wall up to which a ball touches it."""
 STUCK_DISTANCE_M = 1e-3
 """Distance in m from its reference at which a resting ball is stuck."""
 
@@ -55,6 +57,7 @@ class Diagnosis:
             moved, or the ball is where it should be.
         tilt: Tilt of the plate then, rad.
         held: Share of the whole run in which friction held the ball at rest; None if unknown.
+        walled: Share of the whole run in which the ball was at a wall.
         unmoved: Whether the law asked for motion and the limits left nothing of all of it.
     """
 
@@ -71,6 +74,7 @@ class Diagnosis:
     stuck: float | None
     tilt: float
     held: float | None
+    walled: float
     unmoved: bool
 
     @classmethod
@@ -106,8 +110,19 @@ class Diagnosis:
             stuck=_stuck(motion),
             tilt=float(np.hypot(*motion.plate[-1])),
             held=None if motion.held is None else float(motion.held.mean()),
+            walled=float(_touches_wall(run, motion.ball).mean()),
             unmoved=bool(np.nan_to_num(requested).any() and not applied.any()),
         )
+
+
+def _touches_wall(run: Run, ball: Array) -> Mask:
+    """Whether a ball at places (K, 2) in m touches a wall, shape (K,)."""
+    plant = run.scenario.plant
+    allowed = [side / 2 - plant.ball.radius if side > 0 else np.inf for side in plant.rim.size]
+    reach = np.abs(ball)
+    if plant.shape == "round":
+        reach = np.hypot(*ball.T)[:, None]
+    return np.asarray((reach > np.subtract(allowed, WALL_DISTANCE_M)).any(axis=-1))
 
 
 def _stuck(motion: Motion) -> float | None:
@@ -199,7 +214,11 @@ SMALL_ERROR_M = 1e-4
 """Error in m, less than the screen resolves, that needs no sentence."""
 MIN_CUT_SHARE = 0.001
 """Share of time in which a limit cut the effort above which it is reported."""
-NO_LIMIT_TEXT = "no limit was in the way"
+NO_LIMIT_TEXT, NO_PLATE_LIMIT_TEXT = "no limit was in the way", "no limit of the plate was reached"
+"""The latter where something other than a limit held the ball."""
+MIN_HELD_SHARE, MAIN_HELD_SHARE = 0.01, 0.1
+"""Shares of time in which friction or a wall held the ball above which it is reported where nothing
+else limited a run, and everywhere."""
 LIMIT_SHARE = 0.95
 """Share of the angle limit above which the plate counts as having reached it."""
 
@@ -214,6 +233,9 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
     if found.held:
         share = f"{found.held:.1%} of the whole run's time"
         sentences.append(f"Friction held the ball at rest {share} (shaded).")
+    if found.walled >= MIN_HELD_SHARE:
+        wall = "an end stop" if run.scenario.plant.axes == 1 else "a wall"
+        sentences.append(f"The ball was at {wall} {found.walled:.1%} of the whole run's time.")
     sentences += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
     if (off := found.estimation) is not None and off >= MIN_REPORTED_DISTANCE_M:
         size = "large" if off > 0.5 * found.rms else "small"
@@ -243,7 +265,10 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     if run.metrics.get("outcome") != "finished":
         return _ending(run)
     limits = _limits(run, found)
-    limits = [words for words in limits if not words.startswith(NO_LIMIT_TEXT)] or [NO_LIMIT_TEXT]
+    nothing = (NO_LIMIT_TEXT, NO_PLATE_LIMIT_TEXT)
+    limits = [words for words in limits if not words.startswith(nothing)]
+    limits += _describe_held(run, found, MAIN_HELD_SHARE if limits else MIN_HELD_SHARE)
+    limits = limits or [NO_LIMIT_TEXT]
     return f"{_size(run, found, clean)}: {'; '.join(limits)}."
 
 
@@ -311,12 +336,25 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
     if found.angle > LIMIT_SHARE:
         facts.append(f"the plate reached its angle limit of {limit:g} deg")
     if found.cut is not None and found.cut <= MIN_CUT_SHARE and found.angle <= LIMIT_SHARE:
-        facts.append(f"{NO_LIMIT_TEXT}, of the plate's {limit:g} deg {found.angle:.0%} were used")
+        held = _describe_held(run, found, MIN_HELD_SHARE)
+        none = f"{NO_PLATE_LIMIT_TEXT}: of its" if held else f"{NO_LIMIT_TEXT}, of the plate's"
+        facts.append(f"{none} {limit:g} deg {found.angle:.0%} were used")
     if found.lifted:
         facts.append(f"a wheel left its cam {found.lifted:.1%} of the time")
     if found.untouched:
         facts.append(f"no ball was detected {found.untouched:.1%} of the time")
     return facts or [NO_LIMIT_TEXT]
+
+
+def _describe_held(run: Run, found: Diagnosis, share: float) -> list[str]:
+    """What held the ball for more than a share of the time, in half a sentence each."""
+    facts = []
+    if (found.held or 0.0) >= share:
+        facts.append(f"friction held the ball at rest {found.held:.1%} of the time")
+    if found.walled >= share:
+        wall = "an end stop" if run.scenario.plant.axes == 1 else "a wall"
+        facts.append(f"the ball was at {wall} {found.walled:.1%} of the time")
+    return facts
 
 
 def _describe_shaped_reference(run: Run) -> list[str]:
