@@ -12,6 +12,7 @@ import pytest
 import ballplate as bp
 from twin.base.errors import TwinError
 from twin.base.shipped import shipped_in
+from twin.fmu.export import first_values, variables
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
@@ -19,7 +20,7 @@ from twin.scenario import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.study import compiled
 from twin.study.schema import draw_rigs, read_family
-from twin.study.work import Builder, Row, ScenarioRuns, carry_out
+from twin.study.work import Builder, Row, ScenarioRuns, carry_out, controller_key
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc)")
 
@@ -72,11 +73,17 @@ def motion(of: Scenario) -> tuple[np.ndarray, np.ndarray]:
 def test_a_motion_in_c_is_that_in_numpy(rig):
     of = scenario("seed=3", *RIGS[rig])
     state, applied = motion(of)
-    found = compiled.compiled_runs(of).run(of)
+    found = compiled.simulate_compiled(of)
     assert found is not None
     np.testing.assert_allclose(found.ball, state[:, 0::4], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.plate, state[:, 2::4], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.u, applied, rtol=0, atol=1e-10)
+
+
+def test_the_values_of_a_rig_are_those_of_its_description():
+    of = scenario("seed=3", *RIGS["drives"], *CAMERA, "plant.level_deg=[0.4, -0.3]")
+    expected = [each.start or 0.0 for each in variables(of, 0.3)]
+    np.testing.assert_array_equal(first_values(of, 0.3), expected)
 
 
 def test_a_rig_of_one_axis_has_no_indicator_of_a_second():
@@ -93,9 +100,9 @@ def test_a_ball_that_falls_in_the_last_period_has_fallen():
 
 
 def test_another_seed_has_other_noise():
-    runs = [scenario(f"seed={seed}") for seed in (3, 4)]
-    first, second = (compiled.compiled_runs(each).run(each) for each in runs)
-    assert np.abs(first.plate - second.plate).max() > 1e-6
+    runs = (compiled.simulate_compiled(scenario(f"seed={seed}")) for seed in (3, 4))
+    first, second = (each.plate.copy() for each in runs)
+    assert np.abs(first - second).max() > 1e-6
 
 
 def rows_of(scenarios: list[Scenario]) -> tuple[list[Row], list[Row]]:
@@ -124,12 +131,15 @@ def test_rows_are_those_of_numpy_however_a_run_ends():
     assert_same(expected, found, 1e-6)
 
 
+def library_of(of: Scenario) -> compiled.CompiledRuns:
+    return compiled.compiled_runs(of, compiled.surface_of(of), controller_key(of))
+
+
 @pytest.mark.long
 def test_one_library_serves_all_rigs_of_one_controller():
     rigs = [scenario(f"seed={n}", f"plant.surface.seed={n}", *RIGS["uneven"][:1]) for n in (1, 2)]
-    assert compiled.compiled_runs(rigs[0]) is compiled.compiled_runs(rigs[1])
-    gains = scenario("controller.kind=lqr")
-    assert compiled.compiled_runs(gains) is not compiled.compiled_runs(scenario())
+    assert library_of(rigs[0]) is library_of(rigs[1])
+    assert library_of(scenario("controller.kind=lqr")) is not library_of(scenario())
 
 
 @pytest.mark.parametrize(
@@ -161,7 +171,7 @@ def test_a_missing_compiler_is_one_line(monkeypatch):
     monkeypatch.setattr(compiled, "_compiled", {})
     monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(TwinError, match="engine: c needs a C compiler"):
-        compiled.compiled_runs(scenario())
+        compiled.simulate_compiled(scenario())
 
 
 def test_a_study_in_c_keeps_its_runs_apart_from_those_of_python(tmp_path):

@@ -26,6 +26,8 @@ from twin.fmu.export import (
     RIG_SOURCES,
     add_token,
     c_source,
+    compiled_in,
+    first_values,
     frame_phase,
     read_sources,
     variables,
@@ -44,6 +46,10 @@ FLAGS = (
 """How the loop is compiled: without fused operations, so that it rounds as numpy does."""
 
 
+UNFOLLOWED = left_out("source")
+"""Settings that the C source leaves out, by key, and why."""
+
+
 def find_unknown(scenario: Scenario) -> Iterator[str]:
     """What of a scenario the compiled loop does not know, a line each."""
     if scenario.plant.kind != "lagrange":
@@ -59,9 +65,8 @@ def find_unknown(scenario: Scenario) -> Iterator[str]:
         yield "controller: engine = c has no computing time and no board"
     if scenario.sensors.ideal:
         yield "sensors.ideal: engine = c measures as a real rig does"
-    unfollowed = left_out("source")
-    for key in changed_in_vain(scenario, unfollowed):
-        yield f"{key}: {PARTS['source']} {unfollowed[key]}"
+    for key in changed_in_vain(scenario, UNFOLLOWED):
+        yield f"{key}: {PARTS['source']} {UNFOLLOWED[key]}"
 
 
 def surface_of(scenario: Scenario) -> Array | None:
@@ -128,56 +133,52 @@ class CompiledRuns:
 
     Args:
         scenario: One of them.
+        surface: Its ``surface_of``.
 
     Raises:
         TwinError: If the controller has no form in C, or there is no compiler.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, surface: Array | None) -> None:
         ticks = round(scenario.duration / scenario.rig.period)
         with TemporaryDirectory(prefix="ballplate-study-") as folder:
-            library = ctypes.CDLL(str(compile_runs(scenario, Path(folder))))
+            library = ctypes.CDLL(str(compile_runs(scenario, surface, Path(folder))))
         self._simulate = library.simulate
         self._simulate.restype = ctypes.c_int64
+        self._desired = np.empty((ticks, 5, 2))
+        library.desire(ctypes.c_int64(ticks), _address(self._desired))
+        self._ball, self._plate, self._applied = np.empty((3, ticks, 2))
         self._time = scenario.rig.period * np.arange(ticks)
-        self._desired = build_reference(scenario)(self._time)[0].reshape(-1, 2)
+        self._path = build_reference(scenario)(self._time)[0].reshape(-1, 2)
 
-    def run(self, scenario: Scenario) -> Motion | None:
+    def run(self, scenario: Scenario, surface: Array | None) -> Motion | None:
         """The motion of a rig; None if its plate was levelled or its ball left the plate.
 
         Args:
             scenario: Its scenario.
+            surface: Its ``surface_of``.
+
+        Returns:
+            The motion, in memory that the next run overwrites.
         """
         ticks = len(self._time)
-        values = rig_values(scenario)
-        surface = surface_of(scenario)
+        phase = frame_phase(scenario) if scenario.sensors.touch.frame_rate else 0.0
+        values = first_values(scenario, phase)
         numbers = draw_noise(scenario, ticks + 1)
-        state, applied = np.empty((ticks, 8)), np.empty((ticks, 2))
+        found = self._ball, self._plate, self._applied
         done = self._simulate(
             _address(values),
             _address(surface),
             (ctypes.c_void_p * len(numbers))(*map(_address, numbers)),
             (ctypes.c_int64 * len(numbers))(*map(_stride, numbers)),
             ctypes.c_int64(ticks),
-            _address(state),
-            _address(applied),
+            _address(self._desired),
+            *map(_address, found),
         )
-        if done < ticks or not np.isfinite(state).all():
+        if done < ticks or not all(np.isfinite(each).all() for each in found):
             return None
-        return Motion(
-            time=self._time,
-            ball=state[:, 0::4],
-            plate=state[:, 2::4],
-            u=applied,
-            reference=self._desired,
-        )
-
-
-def rig_values(scenario: Scenario) -> Array:
-    """The variables of a scenario's rig, in their order; its noise comes held by ``draw_noise``."""
-    about = variables(scenario, frame_phase(scenario))
-    held = "sensors.noise_hold"
-    return np.array([0.0 if each.name == held else each.start or 0.0 for each in about])
+        ball, plate, applied = found
+        return Motion(time=self._time, ball=ball, plate=plate, u=applied, reference=self._path)
 
 
 def _address(values: Array | None) -> ctypes.c_void_p | None:
@@ -188,13 +189,7 @@ def _stride(values: Array | None) -> int:
     return 0 if values is None else values.strides[0] // values.itemsize
 
 
-def rig_source(scenario: Scenario) -> dict[str, str]:
-    """What of a scenario's rig is compiled in: the two files of ``c_source``, by name."""
-    surface = surface_of(scenario)
-    return c_source(scenario, None if surface is None else np.ones_like(surface), None)
-
-
-def compile_runs(scenario: Scenario, folder: Path) -> Path:
+def compile_runs(scenario: Scenario, surface: Array | None, folder: Path) -> Path:
     """Compile the loop of a scenario in a folder.
 
     Returns:
@@ -210,7 +205,8 @@ def compile_runs(scenario: Scenario, folder: Path) -> Path:
     if compiler is None:
         raise TwinError("engine: c needs a C compiler (cc, gcc or clang); none is installed")
     parts = controller_parts(NAME, control_of(scenario), "double")
-    rig, _ = add_token(read_sources(*RIG_SOURCES) | rig_source(scenario), variables(scenario, 0.0))
+    fixed = c_source(scenario, surface, None)
+    rig, _ = add_token(read_sources(*RIG_SOURCES) | fixed, variables(scenario, 0.0))
     texts = {
         **{name: text for name, text in rig.items() if name != "noise.c"},
         **read_sources("fmi.h"),
@@ -233,21 +229,41 @@ def compile_runs(scenario: Scenario, folder: Path) -> Path:
     return library
 
 
-_compiled: dict[tuple[str, ...], CompiledRuns] = {}
-"""Compiled loops of this process, by all that is compiled in."""
+_compiled: dict[tuple[str, str], CompiledRuns] = {}
+"""Compiled loops of this process, by controller and by what of a rig is compiled in."""
 
 
-def compiled_runs(scenario: Scenario) -> CompiledRuns:
+def compiled_runs(scenario: Scenario, surface: Array | None, controller: str) -> CompiledRuns:
     """The compiled loop of a scenario, made once in the life of this process.
+
+    Args:
+        scenario: The scenario.
+        surface: Its ``surface_of``.
+        controller: Its ``controller_key``.
 
     Raises:
         TwinError: If the controller has no form in C, or there is no compiler.
     """
-    key = (controller_key(scenario), *rig_source(scenario).values())
+    key = controller, repr(compiled_in(scenario, surface))
     if key not in _compiled:
         with own_errors():
-            _compiled[key] = CompiledRuns(scenario)
+            _compiled[key] = CompiledRuns(scenario, surface)
     return _compiled[key]
+
+
+def simulate_compiled(scenario: Scenario, controller: str = "") -> Motion | None:
+    """The motion of a scenario's rig in C, as ``CompiledRuns.run`` has it.
+
+    Args:
+        scenario: The scenario.
+        controller: Its ``controller_key``, if that is known.
+
+    Raises:
+        TwinError: If the controller has no form in C, or there is no compiler.
+    """
+    surface = surface_of(scenario)
+    runs = compiled_runs(scenario, surface, controller or controller_key(scenario))
+    return runs.run(scenario, surface)
 
 
 def check_known(scenario: Scenario) -> None:
@@ -278,7 +294,7 @@ def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:
             rows[job.key] = refused_row(job.key, error)
             continue
         check_known(scenario)
-        motion = compiled_runs(scenario).run(scenario)
+        motion = simulate_compiled(scenario, controller)
         if motion is None:
             others.append(job)
             continue

@@ -10,13 +10,12 @@ static double larger(double a, double b) { return b > a ? b : a; }
 
 /* ---- Noise ------------------------------------------------------------------------------------ */
 
-/* The draw of a stream in a control period, held as long as the scenario says. */
-static double drawn(const Rig *rig, int stream, double variance, int64_t tick) {
-    if (variance == 0 || !rig->v[NOISE])
+/* The draw of a stream in this control period, held as long as the scenario says. */
+static double drawn(const Rig *rig, int stream, double deviation) {
+    if (deviation == 0 || !rig->v[NOISE])
         return 0;
-    int64_t hold = (int64_t)rint(larger(rig->v[SENSORS_NOISE_HOLD], PERIOD) / PERIOD);
-    uint64_t number = (uint64_t)(tick / hold);
-    return sqrt(variance) * noise((uint64_t)rig->v[SEED], (uint64_t)stream, number);
+    uint64_t number = (uint64_t)(rig->tick / rig->fixed.hold);
+    return deviation * noise((uint64_t)rig->v[SEED], (uint64_t)stream, number);
 }
 
 /* ---- Friction ---------------------------------------------------------------------------------- */
@@ -64,10 +63,9 @@ static void have_age(Rig *rig) {
 }
 
 /* arm = relative(x, y) rolling (1 + (breakaway_ratio - 1) age) + viscous v */
-static double arm(const Rig *rig, double x, double vx, double y, double vy) {
+static double arm(const Rig *rig, double x, double y, double speed) {
     const double *v = rig->v;
-    int matters = sticking(v) || v[PLANT_FRICTION_VISCOUS] > 0;
-    double speed = matters ? hypot(vx, vy) : 0, length = v[PLANT_FRICTION_ROLLING];
+    double length = v[PLANT_FRICTION_ROLLING];
     if (sticking(v)) {
         double surplus = rig->ageing ? rig->age : settled(v, speed);
         length = length * (1 + (v[PLANT_FRICTION_BREAKAWAY_RATIO] - 1) * surplus);
@@ -247,15 +245,6 @@ static const char *misfit(const double *v) {
 
 /* ---- Ball -------------------------------------------------------------------------------------- */
 
-typedef struct {
-    double c1, c2;           /* (5.1) */
-    double turn;             /* factor of the plate's rate about its normal */
-    double lever_x, lever_y; /* of products of the plate's rates, m */
-    double share;            /* sqrt(1 - c1) where the spin is a state, else 0 */
-    double radius;
-    double gravity[3]; /* in the axes of the base, m/s^2 */
-} Ball;
-
 static Ball ball_of(const double *v) {
     double m = v[PLANT_BALL_MASS], r = v[PLANT_BALL_RADIUS], J = v[PLANT_BALL_INERTIA];
     double g = v[GRAVITY], phi = v[PLANT_LEVEL], theta = AXES == 1 ? 0 : v[PLANT_LEVEL + 1];
@@ -274,52 +263,94 @@ static Ball ball_of(const double *v) {
     return ball;
 }
 
+/* Instants of a control period: its begin, and the middle and the end of each step. */
+enum { INSTANTS = 2 * STEPS + 1 };
+
+/* What of the plate's motion a ball feels, at each instant. The compiler calculates several of them
+   at once. */
+typedef struct {
+    double angle[2][INSTANTS], rate[2][INSTANTS], u[2][INSTANTS];
+    double sine[2][INSTANTS], cosine[2][INSTANTS];
+} Plate;
+
 /* Newton and Euler of the rolling ball where the plate's motion is given, (R5) and (R4) of
    twin.sim.plant.exact; q = sqrt(1 - c1) r n is the speed of the spin n about the normal:
    x'' = xx x + xy y + turn y' + px + hx q,  y'' = yx x + yy y - turn x' + py + hy q,
    q' = -hx x' - hy y' */
 typedef struct {
-    double xx, xy, yx, yy, turn, px, py, hx, hy;
-    double normal; /* force per mass that presses the ball on the plate, m/s^2 */
+    double xx[INSTANTS], xy[INSTANTS], yx[INSTANTS], yy[INSTANTS], turn[INSTANTS];
+    double px[INSTANTS], py[INSTANTS], hx[INSTANTS], hy[INSTANTS];
+    double normal[INSTANTS]; /* force per mass that presses the ball on the plate, m/s^2 */
 } Rolling;
 
-static Rolling rolling(const Ball *ball, const double angle[2], const double rate[2],
-                       const double u[2]) {
-    double s3 = sin(angle[0]), s7 = sin(angle[1]), c3 = cos(angle[0]), c7 = cos(angle[1]);
-    double wy = rate[0], w7 = rate[1], u1 = u[0], u2 = u[1], c1 = ball->c1;
-    double gx = ball->gravity[0], gy = ball->gravity[1], gz = ball->gravity[2];
-    double wx = w7 * c3, wz = w7 * s3, down = c7 * gz - s7 * gy, xy = c1 * s3 * u2;
-    Rolling at = {
-        c1 * (wz * wz + wy * wy),
-        xy,
-        -2 * c1 * wx * wy - xy,
-        c1 * w7 * w7,
-        ball->turn * wz,
-        c1 * (c3 * gx - s3 * down - ball->lever_x * wx * wz) - ball->c2 * u1,
-        c1 * (c7 * gy + s7 * gz - ball->lever_y * wy * wz) + ball->c2 * c3 * u2,
-        ball->share * wx,
-        ball->share * wy,
-        -s3 * gx - c3 * down,
-    };
-    return at;
+static const double SMALL = 0.3; /* rad, up to which the series below are exact to rounding */
+
+/* Sines and cosines. */
+static void sines(const double angle[], double sine[], double cosine[]) {
+    int small = 1;
+    for (int k = 0; k < INSTANTS; k++)
+        small &= fabs(angle[k]) <= SMALL;
+    if (!small) {
+        for (int k = 0; k < INSTANTS; k++) {
+            sine[k] = sin(angle[k]);
+            cosine[k] = cos(angle[k]);
+        }
+        return;
+    }
+    for (int k = 0; k < INSTANTS; k++) {
+        double a = angle[k], s = a * a, odd = 1. / 6227020800, even = 1. / 479001600;
+        odd = -1. / 39916800 + s * odd;
+        odd = 1. / 362880 + s * odd;
+        odd = -1. / 5040 + s * odd;
+        odd = 1. / 120 + s * odd;
+        odd = -1. / 6 + s * odd;
+        even = -1. / 3628800 + s * even;
+        even = 1. / 40320 + s * even;
+        even = -1. / 720 + s * even;
+        even = 1. / 24 + s * even;
+        even = -1. / 2 + s * even;
+        sine[k] = a + a * s * odd;
+        cosine[k] = 1 + s * even;
+    }
+}
+
+static void roll(const Ball *ball, const Plate *plate, Rolling *at) {
+    double gx = ball->gravity[0], gy = ball->gravity[1], gz = ball->gravity[2], c1 = ball->c1;
+    for (int k = 0; k < INSTANTS; k++) {
+        double s3 = plate->sine[0][k], s7 = plate->sine[1][k];
+        double c3 = plate->cosine[0][k], c7 = plate->cosine[1][k];
+        double wy = plate->rate[0][k], w7 = plate->rate[1][k];
+        double u1 = plate->u[0][k], u2 = plate->u[1][k];
+        double wx = w7 * c3, wz = w7 * s3, down = c7 * gz - s7 * gy, xy = c1 * s3 * u2;
+        at->xx[k] = c1 * (wz * wz + wy * wy);
+        at->xy[k] = xy;
+        at->yx[k] = -2 * c1 * wx * wy - xy;
+        at->yy[k] = c1 * w7 * w7;
+        at->turn[k] = ball->turn * wz;
+        at->px[k] = c1 * (c3 * gx - s3 * down - ball->lever_x * wx * wz) - ball->c2 * u1;
+        at->py[k] = c1 * (c7 * gy + s7 * gz - ball->lever_y * wy * wz) + ball->c2 * c3 * u2;
+        at->hx[k] = ball->share * wx;
+        at->hy[k] = ball->share * wy;
+        at->normal[k] = -s3 * gx - c3 * down;
+    }
 }
 
 /* Largest acceleration that friction can take away, m/s^2. */
-static double limit(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
-                    double y, double vy) {
-    return ball->c1 * (arm(rig, x, vx, y, vy) / ball->radius) * at->normal;
+static double limit(const Rig *rig, const Rolling *at, int k, double x, double y, double speed) {
+    const Ball *ball = &rig->fixed.ball;
+    return absent(rig->v) ? 0 : ball->c1 * (arm(rig, x, y, speed) / ball->radius) * at->normal[k];
 }
 
 /* Acceleration without resistance. */
-static void free_ball(const double *v, const Ball *ball, const Rolling *at, double x, double vx,
-                      double y, double vy, double q, double a[2]) {
-    a[0] = at->xx * x + at->xy * y + at->turn * vy + at->px + at->hx * q;
-    a[1] = at->yx * x + at->yy * y - at->turn * vx + at->py + at->hy * q;
+static void free_ball(const Rig *rig, const Rolling *at, int k, double x, double vx, double y,
+                      double vy, double q, double a[2]) {
+    a[0] = at->xx[k] * x + at->xy[k] * y + at->turn[k] * vy + at->px[k] + at->hx[k] * q;
+    a[1] = at->yx[k] * x + at->yy[k] * y - at->turn[k] * vx + at->py[k] + at->hy[k] * q;
     if (SLOPING) {
         double found[3];
-        surface(v, x, y, found);
-        a[0] -= ball->c1 * at->normal * found[1];
-        a[1] -= ball->c1 * at->normal * found[2];
+        surface(rig->v, x, y, found);
+        a[0] -= rig->fixed.ball.c1 * at->normal[k] * found[1];
+        a[1] -= rig->fixed.ball.c1 * at->normal[k] * found[2];
     }
 }
 
@@ -421,65 +452,67 @@ static void support(const double *v, double x, double vx, double y, double vy, d
 /* ---- Motion ------------------------------------------------------------------------------------ */
 
 /* Acceleration with resistance: a moving ball is slowed against its velocity, a resting one starts
-   only when the free acceleration exceeds the limit, a bent contact pushes back. */
-static void accelerate(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
-                       double y, double vy, double q, double a[2]) {
-    free_ball(rig->v, ball, at, x, vx, y, vy, q, a);
-    double s = rig->v[PLANT_FRICTION_PRESLIDING];
-    double most = absent(rig->v) ? 0 : limit(rig, ball, at, x, vx, y, vy);
-    if (!absent(rig->v) && s > 0) {
+   only when the free acceleration exceeds the limit, a bent contact pushes back. Returns the limit. */
+static double accelerate(const Rig *rig, const Rolling *at, int k, double x, double vx, double y,
+                         double vy, double q, double a[2]) {
+    double s = rig->v[PLANT_FRICTION_PRESLIDING], speed = sqrt(vx * vx + vy * vy);
+    double most = limit(rig, at, k, x, y, speed);
+    free_ball(rig, at, k, x, vx, y, vy, q, a);
+    if (s > 0) {
         a[0] -= most * (rig->bend[0] / s);
         a[1] -= most * (rig->bend[1] / s);
     }
     support(rig->v, x, vx, y, vy, a);
-    if (absent(rig->v) || s > 0)
-        return;
-    double speed = sqrt(vx * vx + vy * vy);
+    if (s > 0)
+        return most;
     if (speed > 0) {
         a[0] -= most / speed * vx;
         a[1] -= most / speed * vy;
-        return;
+        return most;
     }
     double push = sqrt(a[0] * a[0] + a[1] * a[1]);
-    double share = push > most && push > 0 ? 1 - most / push : 0;
+    double share = push > most ? 1 - most / push : 0;
     a[0] *= share;
     a[1] *= share;
+    return most;
 }
 
-/* Whether friction takes away the ball's last speed within this step, and holds the ball. */
-static int held(const Rig *rig, const Ball *ball, const Rolling *at) {
-    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy, a[2];
+/* Whether friction, by its limit, takes away the ball's last speed within this step, and holds the
+   ball. */
+static int held(const Rig *rig, const Rolling *at, int k, double limit_now) {
+    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy, reach = limit_now * STEP, a[2];
     if (absent(rig->v) || rig->v[PLANT_FRICTION_PRESLIDING] > 0)
         return 0;
-    double reach = limit(rig, ball, at, x, vx, y, vy) * STEP;
     if (!(vx * vx + vy * vy <= reach * reach))
         return 0;
-    free_ball(rig->v, ball, at, x, 0, y, 0, rig->q, a);
+    free_ball(rig, at, k, x, 0, y, 0, rig->q, a);
     support(rig->v, x, 0, y, 0, a);
-    double hold = limit(rig, ball, at, x, 0, y, 0);
+    double hold = limit(rig, at, k, x, y, 0);
     return a[0] * a[0] + a[1] * a[1] <= hold * hold;
 }
 
 /* By what the motion of the ball slows its spin, m/s^2. */
-static double lost(const Rolling *at, double vx, double vy) { return at->hx * vx + at->hy * vy; }
+static double lost(const Rolling *at, int k, double vx, double vy) {
+    return at->hx[k] * vx + at->hy[k] * vy;
+}
 
-/* One step of RK4, by the equations at its begin, middle and end. */
-static void roll_on(Rig *rig, const Ball *ball, const Rolling at[3]) {
+/* One step of RK4, by the equations from an instant on. */
+static void roll_on(Rig *rig, const Rolling *at, int k) {
     double h = STEP, half = STEP / 2;
     double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy, q = rig->q;
     double a[2], b[2], c[2], e[2];
     bend_on(rig, vx, vy, half);
-    accelerate(rig, ball, &at[0], x, vx, y, vy, q, a);
+    double most = accelerate(rig, at, k, x, vx, y, vy, q, a);
     double vx2 = vx + half * a[0], vy2 = vy + half * a[1];
-    double q1 = lost(&at[0], vx, vy), q2 = lost(&at[1], vx2, vy2);
-    accelerate(rig, ball, &at[1], x + half * vx, vx2, y + half * vy, vy2, q - half * q1, b);
+    double q1 = lost(at, k, vx, vy), q2 = lost(at, k + 1, vx2, vy2);
+    accelerate(rig, at, k + 1, x + half * vx, vx2, y + half * vy, vy2, q - half * q1, b);
     double vx3 = vx + half * b[0], vy3 = vy + half * b[1];
-    double q3 = lost(&at[1], vx3, vy3);
-    accelerate(rig, ball, &at[1], x + half * vx2, vx3, y + half * vy2, vy3, q - half * q2, c);
+    double q3 = lost(at, k + 1, vx3, vy3);
+    accelerate(rig, at, k + 1, x + half * vx2, vx3, y + half * vy2, vy3, q - half * q2, c);
     double vx4 = vx + h * c[0], vy4 = vy + h * c[1];
-    double q4 = lost(&at[2], vx4, vy4);
-    accelerate(rig, ball, &at[2], x + h * vx3, vx4, y + h * vy3, vy4, q - h * q3, e);
-    int rests = held(rig, ball, &at[0]);
+    double q4 = lost(at, k + 2, vx4, vy4);
+    accelerate(rig, at, k + 2, x + h * vx3, vx4, y + h * vy3, vy4, q - h * q3, e);
+    int rests = held(rig, at, k, most);
     rig->q = q - h / 6 * (q1 + 2 * (q2 + q3) + q4);
     rig->x = x + h / 6 * (vx + 2 * (vx2 + vx3) + vx4);
     rig->y = y + h / 6 * (vy + 2 * (vy2 + vy3) + vy4);
@@ -524,40 +557,33 @@ static Way way_to(const Rig *rig, const double to[2]) {
     return way;
 }
 
-/* Plate angles, rates and accelerations after a time. */
-static void turn(const Rig *rig, const Way *way, double time, double angle[2], double rate[2],
-                 double u[2]) {
+/* Plate angles, rates and accelerations at each instant. */
+static void turn(const Rig *rig, const Way *way, Plate *plate) {
     for (int i = 0; i < 2; i++) {
-        double more = time * way->jerk[i];
-        angle[i] = rig->angle[i] + time * (rig->rate[i] + time / 2 * (way->u[i] + more / 3));
-        rate[i] = rig->rate[i] + time * (way->u[i] + more / 2);
-        u[i] = way->u[i] + more;
+        for (int k = 0; k < INSTANTS; k++) {
+            double time = STEP / 2 * k, more = time * way->jerk[i];
+            plate->angle[i][k] =
+                rig->angle[i] + time * (rig->rate[i] + time / 2 * (way->u[i] + more / 3));
+            plate->rate[i][k] = rig->rate[i] + time * (way->u[i] + more / 2);
+            plate->u[i][k] = way->u[i] + more;
+        }
+        sines(plate->angle[i], plate->sine[i], plate->cosine[i]);
     }
-}
-
-/* The ball's equations after a time. */
-static Rolling rolling_after(const Rig *rig, const Ball *ball, const Way *way, double time) {
-    double angle[2], rate[2], u[2];
-    turn(rig, way, time, angle, rate, u);
-    return rolling(ball, angle, rate, u);
 }
 
 /* One control period of plate and ball, the servos on their way to rates. */
 static void move(Rig *rig, const double to[2]) {
-    Ball ball = ball_of(rig->v);
     Way way = way_to(rig, to);
-    double angle[2], rate[2], u[2];
-    Rolling at[3];
-    at[2] = rolling_after(rig, &ball, &way, 0);
-    for (int i = 0; i < STEPS; i++) {
-        at[0] = at[2];
-        for (int k = 1; k <= 2; k++)
-            at[k] = rolling_after(rig, &ball, &way, STEP / 2 * (2 * i + k));
-        roll_on(rig, &ball, at);
+    Plate plate;
+    Rolling at;
+    turn(rig, &way, &plate);
+    roll(&rig->fixed.ball, &plate, &at);
+    for (int k = 0; k < 2 * STEPS; k += 2)
+        roll_on(rig, &at, k);
+    for (int i = 0; i < 2; i++) {
+        rig->angle[i] = plate.angle[i][2 * STEPS];
+        rig->rate[i] = plate.rate[i][2 * STEPS];
     }
-    turn(rig, &way, STEPS * STEP, angle, rate, u);
-    memcpy(rig->angle, angle, sizeof angle);
-    memcpy(rig->rate, rate, sizeof rate);
     double half = rig->v[PLANT_SIZE] / 2, far = rig->x * rig->x + rig->y * rig->y;
     if (fabs(rig->x) > half || fabs(rig->y) > rig->v[PLANT_SIZE + 1] / 2)
         rig->fallen = 1;
@@ -653,21 +679,20 @@ static void vibrate(Rig *rig, double mean[2]) {
             moved[i] = rig->sizes[i] * sine + rig->sizes[i + 2] * cosine;
     }
     for (int i = 0; i < 2; i++)
-        mean[i] += ratio(v, i) * amplitude * moved[i];
+        mean[i] += rig->fixed.ratio[i] * amplitude * moved[i];
 }
 
 /* Mean rates of the servos over the next period for the commanded ones. */
 static void follow(Rig *rig, const double command[2], double mean[2]) {
     const double *v = rig->v;
-    double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
-    double left = share > 0 ? exp(-share) : 0, of_mean = share > 0 ? -expm1(-share) / share : 0;
     int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_ACCELERATION] > 0 ||
                   v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0 ||
                   v[PLANT_SERVO_DEAD_TIME] > 0;
-    if (!goes_to)
+    if (!goes_to && rig->ordering)
         memset(rig->ordered, 0, sizeof rig->ordered);
+    rig->ordering = goes_to;
     for (int i = 0; i < 2; i++) { /* a part that a rig gets while it runs begins at 0 */
-        double asked = command[i], by = ratio(v, i);
+        double asked = command[i], by = rig->fixed.ratio[i];
         if (goes_to) {
             asked = servo(rig, i, by, asked * PERIOD) / PERIOD;
         } else {
@@ -675,8 +700,8 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
             rig->servo_turn[i] = asked * PERIOD;
         }
         double lacking = rig->lagging[i] - asked;
-        mean[i] = asked + of_mean * lacking;
-        rig->lagging[i] = asked + left * lacking;
+        mean[i] = asked + rig->fixed.of_mean * lacking;
+        rig->lagging[i] = asked + rig->fixed.left * lacking;
         if (v[PLANT_SERVO_BACKLASH] > 0)
             mean[i] = play(rig, i, by, mean[i] * PERIOD) / PERIOD;
         else
@@ -711,7 +736,7 @@ static void look_back(const Rig *rig, double time, double seen[2], int *felt) {
 /* Dead time of a new sample, s: at most four standard deviations late. */
 static double delay(const Rig *rig) {
     double mean = rig->v[SENSORS_TOUCH_DEAD_TIME], spread = rig->v[SENSORS_TOUCH_DEAD_TIME_SPREAD];
-    double late = mean + drawn(rig, DELAY, spread * spread, rig->tick);
+    double late = mean + drawn(rig, DELAY, spread);
     return smaller(larger(late, 0), mean + 4 * spread);
 }
 
@@ -725,7 +750,7 @@ static void imperfect(const Rig *rig, double seen[2]) {
         seen[1] = y * cos(turn) - x * sin(turn);
     }
     for (int i = 0; i < 2; i++) {
-        seen[i] += drawn(rig, TOUCH_X + i, v[SENSORS_TOUCH_VARIANCE + i], rig->tick);
+        seen[i] += drawn(rig, TOUCH_X + i, rig->fixed.touch[i]);
         if (grid > 0) {
             double pitch = v[PLANT_SIZE + i] / grid;
             seen[i] = rint(seen[i] / pitch) * pitch;
@@ -781,8 +806,7 @@ static void encoders(const Rig *rig, double angle[2]) {
     const double *v = rig->v;
     double counts = v[SENSORS_ENCODERS_COUNTS];
     for (int i = 0; i < 2; i++) {
-        double variance = v[SENSORS_ENCODERS_VARIANCE + i];
-        angle[i] = rig->angle[i] + drawn(rig, ENCODER_PHI + i, variance, rig->tick);
+        angle[i] = rig->angle[i] + drawn(rig, ENCODER_PHI + i, rig->fixed.encoders[i]);
         if (counts > 0)
             angle[i] = rint(angle[i] / (2 * PI / counts)) * (2 * PI / counts);
     }
@@ -881,7 +905,7 @@ static void command(Rig *rig, double rate[2]) {
         return;
     }
     for (int i = 0; i < 2; i++) /* what the rig knows of its cams may be wrong */
-        rate[i] = ratio(v, i) * ((1 + v[RIG_CAM_ERROR + i]) * rig->commanded[i] +
+        rate[i] = rig->fixed.ratio[i] * ((1 + v[RIG_CAM_ERROR + i]) * rig->commanded[i] +
                                  v[RIG_CAM_COUPLING] * rig->commanded[1 - i]);
 }
 
@@ -937,6 +961,23 @@ static void measure(Rig *rig) {
 #endif
 }
 
+/* What follows from the variables alone. */
+static Fixed fixed_by(const double *v) {
+    double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
+    Fixed fixed;
+    fixed.ball = ball_of(v);
+    fixed.hold = (int64_t)rint(larger(v[SENSORS_NOISE_HOLD], PERIOD) / PERIOD);
+    fixed.left = share > 0 ? exp(-share) : 0;
+    fixed.of_mean = share > 0 ? -expm1(-share) / share : 0;
+    for (int i = 0; i < 2; i++) {
+        fixed.ratio[i] = ratio(v, i);
+        fixed.touch[i] = sqrt(v[SENSORS_TOUCH_VARIANCE + i]);
+        fixed.encoders[i] = sqrt(v[SENSORS_ENCODERS_VARIANCE + i]);
+        fixed.disturbance[i] = fixed.ratio[i] * PERIOD * sqrt(v[DISTURBANCE_VARIANCE + i]);
+    }
+    return fixed;
+}
+
 void model_reset(Rig *rig, double start) {
     memset(rig, 0, sizeof *rig);
     for (int i = 0; i < VARIABLES; i++)
@@ -951,6 +992,7 @@ const char *model_set(Rig *rig, unsigned variable, double value) {
         if (!(KINDS[variable].lowest <= value && value <= KINDS[variable].highest))
             return wrong;
     rig->v[variable] = value;
+    rig->known = rig->known && (variable == RATE_PHI || variable == RATE_THETA);
     return NULL;
 }
 
@@ -977,7 +1019,9 @@ const char *model_begin(Rig *rig) {
     rig->vx = v[PLANT_START_X_RATE];
     rig->y = AXES == 1 ? 0 : v[PLANT_START_Y];
     rig->vy = AXES == 1 ? 0 : v[PLANT_START_Y_RATE];
-    rig->q = ball_of(v).share * v[PLANT_BALL_RADIUS] * v[PLANT_START_SPIN];
+    rig->fixed = fixed_by(v);
+    rig->known = 1;
+    rig->q = rig->fixed.ball.share * v[PLANT_BALL_RADIUS] * v[PLANT_START_SPIN];
     have_age(rig);
     for (int i = 0; i < RING; i++) {
         rig->past[i][0] = rig->x;
@@ -995,11 +1039,13 @@ const char *model_begin(Rig *rig) {
 void model_advance(Rig *rig) {
     const double *v = rig->v;
     double rate[2], mean[2];
+    if (!rig->known)
+        rig->fixed = fixed_by(v);
+    rig->known = 1;
     command(rig, rate);
     follow(rig, rate, mean);
     for (int i = 0; i < 2; i++) {
-        double step = ratio(v, i) * PERIOD, variance = step * step * v[DISTURBANCE_VARIANCE + i];
-        rig->drift[i] += drawn(rig, SHAKE_PHI + i, variance, rig->tick);
+        rig->drift[i] += drawn(rig, SHAKE_PHI + i, rig->fixed.disturbance[i]);
         mean[i] += rig->drift[i];
     }
     of_axes(mean);

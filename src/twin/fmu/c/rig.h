@@ -31,11 +31,31 @@ enum Fault {
     BAD_REQUEST
 };
 
+typedef struct {
+    double c1, c2;           /* (5.1) */
+    double turn;             /* factor of the plate's rate about its normal */
+    double lever_x, lever_y; /* of products of the plate's rates, m */
+    double share;            /* sqrt(1 - c1) where the spin is a state, else 0 */
+    double radius;
+    double gravity[3]; /* in the axes of the base, m/s^2 */
+} Ball;
+
+/* What follows from a rig's variables alone, and is calculated where one of them was set. */
+typedef struct {
+    Ball ball;
+    int64_t hold;         /* control periods for which a draw of noise is held */
+    double ratio[2];      /* of angles of servo and plate at level */
+    double left, of_mean; /* of what a lagging servo lacks: after a period, and as its mean */
+    double touch[2], encoders[2], disturbance[2]; /* deviations of their noise */
+} Fixed;
+
 /* One rig, all of it: plain data, so that a copy of the bytes is a copy of the rig. */
 typedef struct {
     uint64_t kind;       /* which program wrote it; a state of another is refused */
     double v[VARIABLES]; /* every variable of the model description by its value reference */
-    double start;        /* time of the first period, s */
+    Fixed fixed;
+    int known;    /* whether it is that of these variables */
+    double start; /* time of the first period, s */
     int64_t tick;        /* control periods since then */
 
     /* plate and ball */
@@ -49,6 +69,7 @@ typedef struct {
 
     /* drives */
     double ordered[RING][2]; /* angle commanded in each of the last periods */
+    int ordering;            /* whether there is any */
     double servo[2];         /* where the servo is */
     double servo_turn[2];    /* in the last period */
     int goes[2];
