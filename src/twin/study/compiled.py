@@ -39,11 +39,14 @@ from twin.study.work import Job, Row, carry_out, controller_key, metrics_row, re
 
 NAME = "controller"
 """What the names of the controller's C source begin with."""
+LANES = 4
+"""Rigs that are simulated side by side: so many numbers a processor calculates at once."""
 FLAGS = (
     *("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden"),
-    "-DSURFACE_OF_EACH_RIG",
+    *("-fno-math-errno", "-fno-trapping-math", "-fopenmp-simd", f"-DLANES={LANES}"),
 )
-"""How the loop is compiled: without fused operations, so that it rounds as numpy does."""
+"""How the loop is compiled: without fused operations, so that it rounds as numpy does, and without
+what stands in the way of calculating several rigs at once."""
 
 
 UNFOLLOWED = left_out("source")
@@ -144,41 +147,63 @@ class CompiledRuns:
         with TemporaryDirectory(prefix="ballplate-study-") as folder:
             library = ctypes.CDLL(str(compile_runs(scenario, surface, Path(folder))))
         self._simulate = library.simulate
-        self._simulate.restype = ctypes.c_int64
         self._desired = np.empty((ticks, 5, 2))
         library.desire(ctypes.c_int64(ticks), _address(self._desired))
-        self._ball, self._plate, self._applied = np.empty((3, ticks, 2))
+        self._found = np.empty((3, LANES, ticks, 2))
+        self._good = np.empty(LANES, np.int32)
         self._time = scenario.rig.period * np.arange(ticks)
         self._path = build_reference(scenario)(self._time)[0].reshape(-1, 2)
 
-    def run(self, scenario: Scenario, surface: Array | None) -> Motion | None:
-        """The motion of a rig; None if its plate was levelled or its ball left the plate.
+    def run(self, rigs: Sequence[CompiledRig]) -> list[Motion | None]:
+        """The motions of some rigs, at most ``LANES``.
 
         Args:
-            scenario: Its scenario.
-            surface: Its ``surface_of``.
+            rigs: The rigs.
 
         Returns:
-            The motion, in memory that the next run overwrites.
+            A motion each, in memory that the next call overwrites; None if its plate was levelled
+            or its ball left the plate.
         """
         ticks = len(self._time)
-        phase = frame_phase(scenario) if scenario.sensors.touch.frame_rate else 0.0
-        values = first_values(scenario, phase)
-        numbers = draw_noise(scenario, ticks + 1)
-        found = self._ball, self._plate, self._applied
-        done = self._simulate(
+        lanes = [rigs[min(lane, len(rigs) - 1)] for lane in range(LANES)]
+        values = np.array([rig.values for rig in lanes])
+        noise = {id(rig): draw_noise(rig.scenario, ticks + 1) for rig in rigs}
+        numbers = [stream for rig in lanes for stream in noise[id(rig)]]
+        self._simulate(
             _address(values),
-            _address(surface),
+            (ctypes.c_void_p * LANES)(*(_address(rig.surface) for rig in lanes)),
             (ctypes.c_void_p * len(numbers))(*map(_address, numbers)),
             (ctypes.c_int64 * len(numbers))(*map(_stride, numbers)),
             ctypes.c_int64(ticks),
             _address(self._desired),
-            *map(_address, found),
+            *map(_address, self._found),
+            _address(self._good),
         )
-        if done < ticks or not all(np.isfinite(each).all() for each in found):
-            return None
-        ball, plate, applied = found
-        return Motion(time=self._time, ball=ball, plate=plate, u=applied, reference=self._path)
+        good = self._good & np.isfinite(self._found).all(axis=(0, 2, 3))
+        return [
+            Motion(time=self._time, ball=ball, plate=plate, u=applied, reference=self._path)
+            if fine
+            else None
+            for fine, ball, plate, applied in zip(good[: len(rigs)], *self._found, strict=False)
+        ]
+
+
+class CompiledRig(NamedTuple):
+    """A rig for the compiled loop.
+
+    Attributes:
+        scenario: Its scenario.
+        surface: Its ``surface_of``.
+    """
+
+    scenario: Scenario
+    surface: Array | None
+
+    @property
+    def values(self) -> Array:
+        """The variables of the C source in their order."""
+        framed = self.scenario.sensors.touch.frame_rate > 0
+        return first_values(self.scenario, frame_phase(self.scenario) if framed else 0.0)
 
 
 def _address(values: Array | None) -> ctypes.c_void_p | None:
@@ -233,37 +258,21 @@ _compiled: dict[tuple[str, str], CompiledRuns] = {}
 """Compiled loops of this process, by controller and by what of a rig is compiled in."""
 
 
-def compiled_runs(scenario: Scenario, surface: Array | None, controller: str) -> CompiledRuns:
-    """The compiled loop of a scenario, made once in the life of this process.
+def compiled_runs(rig: CompiledRig, controller: str) -> CompiledRuns:
+    """The compiled loop of a rig, made once in the life of this process.
 
     Args:
-        scenario: The scenario.
-        surface: Its ``surface_of``.
-        controller: Its ``controller_key``.
+        rig: The rig.
+        controller: The ``controller_key`` of its scenario.
 
     Raises:
         TwinError: If the controller has no form in C, or there is no compiler.
     """
-    key = controller, repr(compiled_in(scenario, surface))
+    key = controller, repr(compiled_in(rig.scenario, rig.surface))
     if key not in _compiled:
         with own_errors():
-            _compiled[key] = CompiledRuns(scenario, surface)
+            _compiled[key] = CompiledRuns(rig.scenario, rig.surface)
     return _compiled[key]
-
-
-def simulate_compiled(scenario: Scenario, controller: str = "") -> Motion | None:
-    """The motion of a scenario's rig in C, as ``CompiledRuns.run`` has it.
-
-    Args:
-        scenario: The scenario.
-        controller: Its ``controller_key``, if that is known.
-
-    Raises:
-        TwinError: If the controller has no form in C, or there is no compiler.
-    """
-    surface = surface_of(scenario)
-    runs = compiled_runs(scenario, surface, controller or controller_key(scenario))
-    return runs.run(scenario, surface)
 
 
 def check_known(scenario: Scenario) -> None:
@@ -284,7 +293,7 @@ def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:
     """
     rows: dict[str, Row] = {}
     refused: dict[str, TwinError | None] = {}
-    others = list[Job]()
+    alike: dict[CompiledRuns, list[tuple[Job, CompiledRig]]] = {}
     for job in jobs:
         scenario = Scenario.model_validate_json(job.scenario)
         controller = controller_key(scenario)
@@ -294,13 +303,24 @@ def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:
             rows[job.key] = refused_row(job.key, error)
             continue
         check_known(scenario)
-        motion = simulate_compiled(scenario, controller)
-        if motion is None:
-            others.append(job)
-            continue
-        end = Outcome(Ending.FINISHED, scenario.duration)
-        axes = scenario.plant.axes
-        found = measure(motion, end, axes=axes, **dict(scenario.metrics))
-        rows[job.key] = metrics_row(job.key, found)
+        rig = CompiledRig(scenario, surface_of(scenario))
+        alike.setdefault(compiled_runs(rig, controller), []).append((job, rig))
+    others = list[Job]()
+    for runs, rigs in alike.items():
+        for first in range(0, len(rigs), LANES):
+            some = rigs[first : first + LANES]
+            motions = runs.run([rig for _, rig in some])
+            for (job, rig), motion in zip(some, motions, strict=True):
+                if motion is None:
+                    others.append(job)
+                else:
+                    rows[job.key] = row_of(job, rig.scenario, motion)
     rows |= {row["key"]: row for row in carry_out(others)}
     return [rows[job.key] for job in jobs]
+
+
+def row_of(job: Job, scenario: Scenario, motion: Motion) -> Row:
+    """The row of a run that finished."""
+    end = Outcome(Ending.FINISHED, scenario.duration)
+    axes = scenario.plant.axes
+    return metrics_row(job.key, measure(motion, end, axes=axes, **dict(scenario.metrics)))

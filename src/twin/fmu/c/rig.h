@@ -16,9 +16,11 @@ enum BallSpin { FREE, LOCKED, THESIS };
 
 extern const double CURVE[CURVE_ROWS + 1][3]; /* angles of servo and plate, slope */
 extern const double PATH[PATH_ROWS ? PATH_ROWS : 1][6];
-#ifdef SURFACE_OF_EACH_RIG /* where one program simulates rigs with screens of their own */
-extern const double (*SURFACE)[SURFACE_X ? SURFACE_Y : 1][3];
+#ifdef LANES /* a program that simulates so many rigs side by side, with screens of their own */
+#define SCREEN(rig) ((rig)->screen)
 #else
+#define LANES 1
+#define SCREEN(rig) SURFACE
 extern const double SURFACE[SURFACE_X ? SURFACE_X : 1][SURFACE_X ? SURFACE_Y : 1][3];
 #endif
 
@@ -53,6 +55,9 @@ typedef struct {
 typedef struct {
     uint64_t kind;       /* which program wrote it; a state of another is refused */
     double v[VARIABLES]; /* every variable of the model description by its value reference */
+#if LANES > 1
+    const double (*screen)[SURFACE_X ? SURFACE_Y : 1][3];
+#endif
     Fixed fixed;
     int known;    /* whether it is that of these variables */
     double start; /* time of the first period, s */
@@ -110,8 +115,8 @@ const char *model_set(Rig *rig, unsigned variable, double value);
 /* Put plate and ball to their start and measure; a text that says what is wrong, or NULL. */
 const char *model_begin(Rig *rig);
 
-/* Simulate one control period with the rates that are commanded now, and measure. */
-void model_advance(Rig *rig);
+/* Simulate one control period of LANES rigs with the rates that are commanded now, and measure. */
+void model_advance(Rig rigs[]);
 
 /* Streams of noise. */
 enum Stream {
@@ -124,7 +129,8 @@ enum Stream {
     DELAY,
     WANDER, /* and the three after it */
     JITTER = WANDER + 4,
-    LOST
+    LOST,
+    STREAMS
 };
 
 /* White noise of variance 1: the same for the same seed, stream and number. */
