@@ -13,9 +13,10 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError, TwinError
@@ -206,7 +207,7 @@ class CompiledRig(NamedTuple):
         return first_values(self.scenario, frame_phase(self.scenario) if framed else 0.0)
 
 
-def _address(values: Array | None) -> ctypes.c_void_p | None:
+def _address(values: NDArray[Any] | None) -> ctypes.c_void_p | None:
     return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
 
 
@@ -273,6 +274,20 @@ def compiled_runs(rig: CompiledRig, controller: str) -> CompiledRuns:
         with own_errors():
             _compiled[key] = CompiledRuns(rig.scenario, rig.surface)
     return _compiled[key]
+
+
+def knows(scenario: Scenario) -> bool:
+    """Whether there is a compiler, and the compiled loop knows all of a scenario."""
+    if find_c_compiler() is None or any(find_unknown(scenario)):
+        return False
+    try:
+        with extra("casadi", "engine = c"):
+            from twin.board.source import controller_parts  # noqa: PLC0415  heavy
+        with own_errors():
+            controller_parts(NAME, control_of(scenario), "double")
+    except TwinError:
+        return False
+    return True
 
 
 def check_known(scenario: Scenario) -> None:
