@@ -4,7 +4,7 @@ uv run python -m benchmarks.memory
 
 A sweep of 100 and one of 500 points, a study of 1,000 and one of 5,000 runs: of each the largest
 memory of a process of its own. What they keep of a run is a row of indicators; a motion of 2 s has
-some 30 MiB in a thousand runs for each column of two axes.
+15 MiB in a thousand runs for each column of two axes.
 """
 
 from __future__ import annotations

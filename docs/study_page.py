@@ -14,7 +14,7 @@ from docs.pages import HERE, filled
 from twin.base.page import Table, Text, markdown
 from twin.base.writing import write_whole
 from twin.study import report
-from twin.study.screen import blocks
+from twin.study.screen_report import blocks
 
 
 def write(name: str, folder: Path, screen: int | None = None, samples: int | None = None) -> None:

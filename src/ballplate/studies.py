@@ -369,7 +369,7 @@ class StudyResult:
     def _screened_blocks(self) -> list[Block]:
         if self.screened is None:
             return []
-        from twin.study.screen import blocks
+        from twin.study.screen_report import blocks
 
         return blocks(self.work.study, self.screened)
 

@@ -1,4 +1,4 @@
-"""`twin.study.screen`.
+"""`twin.study.screen` and `twin.study.screen_report`.
 
 A screened study with functions in the place of the plants, and its refusals."""
 
@@ -18,7 +18,8 @@ from twin.study import compiled
 from twin.study.experiments import ROW_SCHEMA
 from twin.study.report import answers, write
 from twin.study.schema import Study
-from twin.study.screen import CHECKED_POINTS, Screen, Screened, blocks, numbers_of
+from twin.study.screen import CHECKED_POINTS, Screen, Screened
+from twin.study.screen_report import blocks, numbers_of
 from twin.study.work import Work
 
 ROLLING, PRELOAD, SPEED = (

@@ -89,7 +89,7 @@ def study(
     files = f"report.html, {drawn}rows.parquet, rows.csv"
     numbers = _numbers(about, found) | {"endings": early}
     if done.screened:
-        from twin.study.screen import numbers_of
+        from twin.study.screen_report import numbers_of
 
         numbers["screen"] = numbers_of(done.screened)
     show(numbers, shown, folder, files)
@@ -98,7 +98,7 @@ def study(
 
 def _screened(done: StudyResult) -> Iterator[object]:
     """What the screen of a study found, to print."""
-    from twin.study.screen import blocks
+    from twin.study.screen_report import blocks
 
     for block in blocks(done.work.study, done.screened) if done.screened else ():
         if isinstance(block, Text):
