@@ -14,6 +14,7 @@ from docs.pages import HERE, filled
 from twin.base.page import Table, Text, markdown
 from twin.base.writing import write_whole
 from twin.study import report
+from twin.study.schema import read
 from twin.study.screen_report import blocks
 
 
@@ -50,6 +51,7 @@ def write(name: str, folder: Path, screen: int | None = None, samples: int | Non
         lines=[line for each in screened if isinstance(each, Text) for line in each.lines],
         tables=[(each.title, markdown(each.heads, each.rows))
                 for each in screened if isinstance(each, Table)],
+        samples=(asked.samples, read(name).samples),
         minutes=[f"{each:.1f}" for each in minutes],
     )  # fmt: skip
     write_whole(folder / f"{stem}.md", text)
