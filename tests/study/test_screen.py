@@ -192,6 +192,7 @@ def test_a_study_of_both_plants_is_screened_from_its_runs_on(tmp_path):
     about = study("montecarlo", 8).model_dump(exclude_unset=True)
     about["set"] = ("baseline=false", "duration=1.0")
     about["metrics"] = ("rms_error",)
+    about["parameters"] = {**UNIFORM, SPEED: {"uniform": (-0.05, 0.05)}}  # none falls
     found = bp.study(about, screen=2, processes=1, out=tmp_path)
     again = bp.study(about, screen=2, processes=1, out=tmp_path, reporter=None)
     assert found.screened == again.screened
