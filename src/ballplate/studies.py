@@ -13,7 +13,7 @@ from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, 
 from ballplate.comparing import carried_out, cases_of
 from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
 from twin.base.errors import LawError, ScenarioError, nearest
-from twin.base.page import Picture, Table, Text, fragment
+from twin.base.page import Block, Picture, Table, Text, fragment
 from twin.base.parts import left_out
 from twin.base.shipped import find
 from twin.base.writing import write_whole
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twin.scenario.schema import Scenario
+    from twin.study.experiments import Do
     from twin.study.report import Answer
+    from twin.study.screen import Screen, Screened
     from twin.study.work import Work
 
 
@@ -287,6 +289,7 @@ class StudyResult:
         work: Its runs, with the study as it was asked.
         rows: Key, outcome, reason and indicators of every run, as an Arrow table.
         answers: Statistics, one per variant.
+        screened: What many more points on the exact equations add, if the study was screened.
 
     Examples:
         >>> import ballplate as bp
@@ -309,6 +312,7 @@ class StudyResult:
     work: Work
     rows: pa.Table
     answers: list[Answer]
+    screened: Screened | None = None
 
     @property
     def title(self) -> str:
@@ -358,8 +362,16 @@ class StudyResult:
         """
         from twin.study.report import write
 
-        write(self.work, self.rows, self.answers, Path(folder))
+        write(self.work, self.rows, self.answers, Path(folder), self._screened_blocks)
         return Path(folder)
+
+    @property
+    def _screened_blocks(self) -> list[Block]:
+        if self.screened is None:
+            return []
+        from twin.study.screen_report import blocks
+
+        return blocks(self.work.study, self.screened)
 
     def _repr_html_(self) -> str:
         """For a notebook: sentences, a row per variant, figures."""
@@ -367,7 +379,8 @@ class StudyResult:
 
         found = compare_variants(self.work.study, self.answers)
         pictures = [Picture("", png(figure)) for figure in self.plot().values()]
-        return fragment(self.title, [Text(self.sentences), found, *pictures])
+        blocks = [Text(self.sentences), found, *pictures, *self._screened_blocks]
+        return fragment(self.title, blocks)
 
 
 def study(
@@ -377,6 +390,7 @@ def study(
     processes: int | None = None,
     scheduler: str | None = None,
     reporter: Reporter | None = None,
+    screen: int | None = None,
     **keys: Any,
 ) -> StudyResult:
     """Run a study: a shipped one by name, a TOML file, or a dictionary with its keys.
@@ -389,6 +403,9 @@ def study(
         processes: Processes to use; all processors by default.
         scheduler: Address of a Dask scheduler that has the workers.
         reporter: Receives progress; a notebook has its own.
+        screen: So many times as many further points on the exact equations, in compiled C where
+            that is possible: estimates of the mechanism from both, with the bias of the exact
+            equations, and the worst and best points on the mechanism.
         keys: Keys in place of the study's own, as ``samples=8`` or ``seeds=2``.
 
     Raises:
@@ -407,35 +424,65 @@ def study(
         >>> rows["outcome"].tolist()
         ['finished', 'finished']
     """
-    from twin.study.experiments import Do, Store, carry, executors
+    from twin.study.experiments import Store, carry, executors
     from twin.study.report import answers
 
     report = reporter or default()
     check_processes(processes, report)
-    work = work_of(name if isinstance(name, Mapping) else str(name), keys)
-    do: Do | None = None
-    if work.study.engine == "c":
-        from twin.study.compiled import carry_out_compiled
-
-        do = carry_out_compiled
+    called = name if isinstance(name, Mapping) else str(name)
+    work = work_of(called, keys)
+    screening = None if screen is None else screen_of(called, work, screen)
     folder = writable(out, report)
     store = Store(folder)
-    with (
-        executors(processes, scheduler) as (executor, count),
-        report.progress(work.study.title, work.different, "runs") as advance,
-    ):
-        rows = carry(
-            work,
-            store,
-            executor=executor,
-            processes=count,
-            do=do,
-            progress=lambda done, failed: advance(done, f"{failed} failed"),
-        )
-    found = StudyResult(work, rows, answers(work, rows))
+    with executors(processes, scheduler) as (executor, count):
+
+        def finish(some: Work, title: str = work.study.title) -> pa.Table:
+            do: Do | None = None
+            if some.study.engine == "c":
+                from twin.study.compiled import carry_out_compiled
+
+                do = carry_out_compiled
+            with report.progress(title, some.different, "runs") as advance:
+                return carry(
+                    some,
+                    store,
+                    executor=executor,
+                    processes=count,
+                    do=do,
+                    progress=lambda done, failed: advance(done, f"{failed} failed"),
+                )
+
+        rows = finish(work)
+        screened = None if screening is None else screening.carry_out(rows, finish)
+    found = StudyResult(work, rows, answers(work, rows), screened)
     if folder is not None:
         found.save(folder)
     return found
+
+
+def screen_of(name: str | Mapping[str, Any], work: Work, times: int) -> Screen:
+    """The runs of a screened study, each of them checked.
+
+    Args:
+        name: Name, file or tables of the study.
+        work: Its runs on the mechanism.
+        times: Points on the exact equations for each on the mechanism.
+
+    Raises:
+        ScenarioError: If it cannot be screened, as when the exact equations do not have a setting.
+    """
+    from twin.study.compiled import knows
+    from twin.study.screen import Screen
+
+    try:
+        screen = Screen(work, times)
+        exact = screen.paired
+        if all(knows(exact.scenario(task)) for task in exact.first_of_each_variant):
+            screen = Screen(work, times, "c")
+    except ScenarioError as error:
+        called = work.study.title if isinstance(name, Mapping) else name
+        raise ScenarioError(f"study {called}: {error}") from error
+    return screen
 
 
 def family(

@@ -98,6 +98,43 @@ def test_what_is_said_to_be_written_is_there_and_nothing_else(study, tmp_path, m
     assert ("figures/" in (tmp_path / folder / "report.html").read_text()) == ("figures" in there)
 
 
+SCREENED = """
+title = "Screened"
+scenario = "hold"
+set = ["duration=0.3", "baseline=false"]
+method = "montecarlo"
+samples = 4
+metrics = ["rms_error"]
+
+[parameters."plant.start.x_rate"]
+uniform = [0.01, 0.05]
+"""
+
+
+def test_a_screened_study_says_what_ran_on_which_plant(study, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("twin.study.compiled.knows", lambda scenario: False)  # nothing to compile
+    (tmp_path / "screened.toml").write_text(SCREENED)
+    told = ("screened.toml", "--screen", "2", "--processes", "1")
+    code, out, _ = study(*told, "--plan")
+    assert code == 0
+    assert "16 runs, 16 of them left" in out
+    assert "12 of the runs are on the exact equations" in out
+    code, out, _ = study(*told)
+    assert code == 0
+    assert "4 runs on the mechanism" in " ".join(out.split())
+    assert "Bias of the exact equations" in out
+    found = json.loads(study(*told, "--json")[1])["screen"]
+    assert found["runs"] == {"mechanism": 4, "paired": 4, "wide": 8, "checked": 8}
+    assert {each["which"] for each in found["checked"]} == {"worst", "best"}
+
+
+def test_a_grid_is_not_screened(study) -> None:
+    code, _, error = study("short.toml", "--screen", "2")
+    assert code == 2
+    assert len(error.strip().splitlines()) == 1
+    assert "short.toml: screen: method must be montecarlo, lhs or sobol" in error
+
+
 @pytest.mark.long
 def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
     study, tmp_path, monkeypatch

@@ -12,14 +12,16 @@ import pytest
 import ballplate as bp
 from twin.base.errors import TwinError
 from twin.base.shipped import shipped_in
+from twin.fmu.export import first_values, variables
 from twin.run.assemble import assemble
 from twin.run.loop import drive
+from twin.run.metrics import Motion
 from twin.run.record import Recorder
 from twin.scenario import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.study import compiled
 from twin.study.schema import draw_rigs, read_family
-from twin.study.work import Builder, Row, ScenarioRuns, carry_out
+from twin.study.work import Builder, Row, ScenarioRuns, carry_out, controller_key
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc)")
 
@@ -40,6 +42,7 @@ RIGS = {
     "drives": ("plant.servo.bandwidth_hz=8", "plant.servo.backlash_deg=0.1"),
 }
 """Settings of rigs with every stream of noise and with screens of their own."""
+FALLING = ("plant.start.x=0.34", "plant.start.x_rate=0.5", "rig.limits.margin=0.2")
 SURFACED = ("uneven", "sloping")
 """Rigs that need a library of their own."""
 
@@ -72,11 +75,17 @@ def motion(of: Scenario) -> tuple[np.ndarray, np.ndarray]:
 def test_a_motion_in_c_is_that_in_numpy(rig):
     of = scenario("seed=3", *RIGS[rig])
     state, applied = motion(of)
-    found = compiled.compiled_runs(of).run(of)
+    (found,) = simulated(of)
     assert found is not None
     np.testing.assert_allclose(found.ball, state[:, 0::4], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.plate, state[:, 2::4], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.u, applied, rtol=0, atol=1e-10)
+
+
+def test_the_values_of_a_rig_are_those_of_its_description():
+    of = scenario("seed=3", *RIGS["drives"], *CAMERA, "plant.level_deg=[0.4, -0.3]")
+    expected = [each.start or 0.0 for each in variables(of, 0.3)]
+    np.testing.assert_array_equal(first_values(of, 0.3), expected)
 
 
 def test_a_rig_of_one_axis_has_no_indicator_of_a_second():
@@ -85,16 +94,25 @@ def test_a_rig_of_one_axis_has_no_indicator_of_a_second():
 
 
 def test_a_ball_that_falls_in_the_last_period_has_fallen():
-    falling = ("plant.start.x=0.34", "plant.start.x_rate=0.5", "rig.limits.margin=0.2")
-    last = [scenario(*falling, seconds=0.002 * ticks) for ticks in range(2, 30)]
+    last = [scenario(*FALLING, seconds=0.002 * ticks) for ticks in range(2, 30)]
     expected, found = rows_of(last)
     assert {row["outcome"] for row in expected} > {"finished"}
     assert [row["outcome"] for row in found] == [row["outcome"] for row in expected]
 
 
+@pytest.mark.parametrize("rig", ["held", "camera", "vibration", "drives"])
+def test_a_rig_has_the_same_bits_alone_and_next_to_others(rig):
+    of, falls = scenario("seed=3", *RIGS[rig]), scenario(*RIGS[rig], *FALLING)
+    near = [scenario(f"seed={n}", *RIGS[rig], "plant.friction.rolling_mm=0.4") for n in (4, 5)]
+    (alone,) = [(m.ball.copy(), m.u.copy()) for m in simulated(of)]
+    for beside in ([falls, of], [*near, of], [near[0], of, falls, near[1]]):
+        found = simulated(*beside)[beside.index(of)]
+        np.testing.assert_array_equal(found.ball, alone[0])
+        np.testing.assert_array_equal(found.u, alone[1])
+
+
 def test_another_seed_has_other_noise():
-    runs = [scenario(f"seed={seed}") for seed in (3, 4)]
-    first, second = (compiled.compiled_runs(each).run(each) for each in runs)
+    first, second = simulated(scenario("seed=3"), scenario("seed=4"))
     assert np.abs(first.plate - second.plate).max() > 1e-6
 
 
@@ -124,12 +142,24 @@ def test_rows_are_those_of_numpy_however_a_run_ends():
     assert_same(expected, found, 1e-6)
 
 
+def library_of(of: Scenario) -> compiled.CompiledRuns:
+    return compiled.compiled_runs(rig_of(of), controller_key(of))
+
+
+def rig_of(of: Scenario) -> compiled.CompiledRig:
+    return compiled.CompiledRig(of, compiled.surface_of(of))
+
+
+def simulated(*of: Scenario) -> list[Motion | None]:
+    """Motions of runs in C that go into one library."""
+    return library_of(of[0]).run([rig_of(each) for each in of])
+
+
 @pytest.mark.long
 def test_one_library_serves_all_rigs_of_one_controller():
     rigs = [scenario(f"seed={n}", f"plant.surface.seed={n}", *RIGS["uneven"][:1]) for n in (1, 2)]
-    assert compiled.compiled_runs(rigs[0]) is compiled.compiled_runs(rigs[1])
-    gains = scenario("controller.kind=lqr")
-    assert compiled.compiled_runs(gains) is not compiled.compiled_runs(scenario())
+    assert library_of(rigs[0]) is library_of(rigs[1])
+    assert library_of(scenario("controller.kind=lqr")) is not library_of(scenario())
 
 
 @pytest.mark.parametrize(
@@ -161,7 +191,7 @@ def test_a_missing_compiler_is_one_line(monkeypatch):
     monkeypatch.setattr(compiled, "_compiled", {})
     monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(TwinError, match="engine: c needs a C compiler"):
-        compiled.compiled_runs(scenario())
+        library_of(scenario())
 
 
 def test_a_study_in_c_keeps_its_runs_apart_from_those_of_python(tmp_path):

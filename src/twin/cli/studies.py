@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ballplate.studies import StudyResult, screen_of, work_of
 from ballplate.studies import study as run_study
-from ballplate.studies import work_of
 from twin.base.errors import ScenarioError, nearest
 from twin.base.jobs import cores
-from twin.base.page import Table
+from twin.base.page import Table, Text
 from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
 from twin.base.writing import check_writable
 from twin.cli import options
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from twin.lab.schema import Lab
     from twin.study.report import Answer
     from twin.study.schema import Study
+    from twin.study.screen import Screen
     from twin.study.work import Work
 
 
@@ -37,12 +38,19 @@ if TYPE_CHECKING:
     "--engine", type=click.Choice(("python", "c")), help="Simulate in Python or in compiled C."
 )
 @click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
+@click.option(
+    "--screen",
+    type=click.IntRange(2, 1000),
+    help="So many times as many further points on the exact equations; the ends on the mechanism.",
+)
 @options.PROCESSES_OPTION
 @options.SCHEDULER_OPTION
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/study-NAME].")
 @options.LAW_OPTION
 @options.JSON_OPTION
-def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int:
+def study(
+    study: str | None, out: Path | None, *, plan: bool, screen: int | None, **how: Any
+) -> int:
     """Run a study: a shipped one by name, or a TOML file; without a name, list them.
 
     Finished runs are kept: an interrupted study continues where it stopped, a finished one answers
@@ -54,9 +62,10 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
         work = work_of(study, {key: how.pop(key) for key in ("samples", "seeds", "engine")})
+        more = screen_of(study, work, screen) if screen else None
         check_writable(folder)
-        return _plan_study(work, folder, **how)
-    done = run_study(study, out=folder, reporter=TERMINAL, **how)
+        return _plan_study(work, folder, more, **how)
+    done = run_study(study, out=folder, reporter=TERMINAL, screen=screen, **how)
     from twin.study.report import (
         compare_pairs,
         compare_variants,
@@ -74,23 +83,46 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
         *compare_pairs(about, found),
         *done.sentences,
         *early,
+        *(_screened(done) if done.screened else ()),
     )
     drawn = "figures/, " if drawn_figures(about, found) else ""
     files = f"report.html, {drawn}rows.parquet, rows.csv"
-    show(_numbers(about, found) | {"endings": early}, shown, folder, files)
+    numbers = _numbers(about, found) | {"endings": early}
+    if done.screened:
+        from twin.study.screen_report import numbers_of
+
+        numbers["screen"] = numbers_of(done.screened)
+    show(numbers, shown, folder, files)
     return 0
 
 
-def _plan_study(work: Work, folder: Path, **how: Any) -> int:
+def _screened(done: StudyResult) -> Iterator[object]:
+    """What the screen of a study found, to print."""
+    from twin.study.screen_report import blocks
+
+    for block in blocks(done.work.study, done.screened) if done.screened else ():
+        if isinstance(block, Text):
+            yield bold(block.title)
+            yield from block.lines
+        else:
+            yield block
+
+
+def _plan_study(work: Work, folder: Path, screen: Screen | None, **how: Any) -> int:
     from twin.study.experiments import Store, executors, remaining
 
+    works = [work] if screen is None else [work, screen.paired, screen.wide]
     with executors(**how) as (_, count):
-        known, chunks = remaining(work.tasks, Store(folder), count)
-    total = work.different
+        known, chunks = remaining(
+            [task for each in works for task in each.tasks], Store(folder), count
+        )
+    total = sum(each.different for each in works)
     left = total - known.num_rows
     summary_line = (
         f"{total} runs, {left} of them left in {len(chunks)} batches on {count} processors"
     )
+    if screen is not None:
+        summary_line += f"; {total - work.different} of the runs are on the exact equations"
     counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
     show(counts | {"processes": count}, [summary_line])
     return 0

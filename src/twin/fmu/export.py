@@ -15,6 +15,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -118,8 +119,28 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         phase: At which share of a frame the first frame of the screen comes.
         path: Whether its reference is an output, too.
     """
+    values = _own_values(scenario, phase)
+    listed = [*VARIABLE_TABLES["signal"], *VARIABLE_TABLES["reference"] * path]
+    found = [Variable(**each) for each in listed]
+    found += [Variable(start=values[each["name"]], **each) for each in VARIABLE_TABLES["own"]]
+    return [*found, *parameters(scenario)]
+
+
+def first_values(scenario: Scenario, phase: float) -> Array:
+    """The first values of ``variables`` in their order, 0 of those that have none."""
+    own = _own_values(scenario, phase)
+    found = [each.get("start", 0.0) for each in VARIABLE_TABLES["signal"]]
+    found += [own[each["name"]] for each in VARIABLE_TABLES["own"]]
+    for about, _ in _open_settings("source"):
+        values = about.unit.to_si(about.of(scenario))
+        found += values if isinstance(values, tuple) else (values,)
+    return np.array([each or 0.0 for each in found], float)
+
+
+def _own_values(scenario: Scenario, phase: float) -> dict[str, float]:
+    """The first values of the variables that are no settings of a dataclass, by name."""
     model: BallPlate = scenario.plant.model
-    values = {
+    return {
         "rig.period": scenario.rig.period,
         "plant.step": scenario.plant.step,
         "gravity": model.gravity,
@@ -129,10 +150,6 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         "sensors.noise_hold": scenario.sensors.noise_hold,
         "sensors.touch.frame_phase": phase,
     }
-    listed = [*VARIABLE_TABLES["signal"], *VARIABLE_TABLES["reference"] * path]
-    found = [Variable(**each) for each in listed]
-    found += [Variable(start=values[each["name"]], **each) for each in VARIABLE_TABLES["own"]]
-    return [*found, *parameters(scenario)]
 
 
 def parameters(scenario: Scenario, part: str = "source") -> Iterator[Variable]:
@@ -142,10 +159,19 @@ def parameters(scenario: Scenario, part: str = "source") -> Iterator[Variable]:
         scenario: The scenario.
         part: The C source of an FMU, or a different one of ``twin.base.followers.PARTS``.
     """
-    for source in dict.fromkeys((*PARAMETER_CLASSES, *RIG_CLASSES)):
-        for field, about in settings_of(source).items():
-            if getattr(about.followed_by, part) is FREE:
-                yield from _parameter(scenario, about, meanings(source).get(field, ""))
+    for about, meaning in _open_settings(part):
+        yield from _parameter(scenario, about, meaning)
+
+
+@cache
+def _open_settings(part: str) -> tuple[tuple[Setting, str], ...]:
+    """The settings that a part leaves open, and what they mean."""
+    return tuple(
+        (about, meanings(source).get(field, ""))
+        for source in dict.fromkeys((*PARAMETER_CLASSES, *RIG_CLASSES))
+        for field, about in settings_of(source).items()
+        if getattr(about.followed_by, part) is FREE
+    )
 
 
 def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Variable]:
@@ -242,26 +268,40 @@ def c_source(scenario: Scenario, surface: Array | None, path: Array | None) -> d
     """
     rows = np.zeros((1, 6)) if path is None else path
     grid = np.zeros((1, 1, 3)) if surface is None else surface
-    table = linkage_of(scenario)
-    curves = table.curves if isinstance(table, TiltTable) else 2 * [np.empty((3, 0))]
-    curve = np.concatenate([*map(np.transpose, curves), np.zeros((1, 3))])
-    touch = scenario.sensors.touch
-    waits = touch.dead_time + 4 * touch.dead_time_spread
-    waits += 1 / touch.frame_rate if touch.frame_rate else 0.0
-    given = {
-        "scenario": scenario,
-        "ring": 2 + math.ceil(max(waits, MIN_TOUCH_MEMORY_S) / scenario.rig.period),
-        "size": (0, 0) if surface is None else surface.shape,
-        "sloping": int(bool(grid[..., 1:].any())),
+    given = compiled_in(scenario, surface) | {
         "path_rows": 0 if path is None else len(path),
-        "curve_phi": len(curves[0][0]),
-        "curve": json.dumps(curve.tolist()).translate(C_BRACES),
-        "curve_rows": len(curve) - 1,
         "surface": json.dumps(grid.tolist()).translate(C_BRACES),
         "path": json.dumps(rows.tolist()).translate(C_BRACES),
     }
     names = ("scenario.h", "scenario.c")
     return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
+
+
+def compiled_in(scenario: Scenario, surface: Array | None) -> dict[str, Any]:
+    """What of a rig is compiled in, but for the numbers of its surface, by names in the templates.
+
+    Args and shapes are those of ``c_source``.
+    """
+    table = linkage_of(scenario)
+    curves = table.curves if isinstance(table, TiltTable) else 2 * [np.empty((3, 0))]
+    curve = np.concatenate([*map(np.transpose, curves), np.zeros((1, 3))])
+    touch, plant, period = scenario.sensors.touch, scenario.plant, scenario.rig.period
+    waits = touch.dead_time + 4 * touch.dead_time_spread
+    waits += 1 / touch.frame_rate if touch.frame_rate else 0.0
+    return {
+        "period": period,
+        "step": plant.step,
+        "steps": round(period / plant.step),
+        "ring": 2 + math.ceil(max(waits, MIN_TOUCH_MEMORY_S) / period),
+        "spin": plant.ball_spin.upper(),
+        "axes": plant.axes,
+        "round": int(plant.shape == "round"),
+        "size": (0, 0) if surface is None else surface.shape,
+        "sloping": int(surface is not None and bool(surface[..., 1:].any())),
+        "curve_phi": len(curves[0][0]),
+        "curve": json.dumps(curve.tolist()).translate(C_BRACES),
+        "curve_rows": len(curve) - 1,
+    }
 
 
 RIG_SOURCES = ("rig.c", "rig.h", "noise.c", "model.h")

@@ -13,9 +13,10 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError, TwinError
@@ -26,6 +27,8 @@ from twin.fmu.export import (
     RIG_SOURCES,
     add_token,
     c_source,
+    compiled_in,
+    first_values,
     frame_phase,
     read_sources,
     variables,
@@ -37,11 +40,18 @@ from twin.study.work import Job, Row, carry_out, controller_key, metrics_row, re
 
 NAME = "controller"
 """What the names of the controller's C source begin with."""
+LANES = 4
+"""Rigs that are simulated side by side: so many numbers a processor calculates at once."""
 FLAGS = (
     *("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden"),
-    "-DSURFACE_OF_EACH_RIG",
+    *("-fno-math-errno", "-fno-trapping-math", "-fopenmp-simd", f"-DLANES={LANES}"),
 )
-"""How the loop is compiled: without fused operations, so that it rounds as numpy does."""
+"""How the loop is compiled: without fused operations, so that it rounds as numpy does, and without
+what stands in the way of calculating several rigs at once."""
+
+
+UNFOLLOWED = left_out("source")
+"""Settings that the C source leaves out, by key, and why."""
 
 
 def find_unknown(scenario: Scenario) -> Iterator[str]:
@@ -59,9 +69,8 @@ def find_unknown(scenario: Scenario) -> Iterator[str]:
         yield "controller: engine = c has no computing time and no board"
     if scenario.sensors.ideal:
         yield "sensors.ideal: engine = c measures as a real rig does"
-    unfollowed = left_out("source")
-    for key in changed_in_vain(scenario, unfollowed):
-        yield f"{key}: {PARTS['source']} {unfollowed[key]}"
+    for key in changed_in_vain(scenario, UNFOLLOWED):
+        yield f"{key}: {PARTS['source']} {UNFOLLOWED[key]}"
 
 
 def surface_of(scenario: Scenario) -> Array | None:
@@ -128,59 +137,77 @@ class CompiledRuns:
 
     Args:
         scenario: One of them.
+        surface: Its ``surface_of``.
 
     Raises:
         TwinError: If the controller has no form in C, or there is no compiler.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, surface: Array | None) -> None:
         ticks = round(scenario.duration / scenario.rig.period)
         with TemporaryDirectory(prefix="ballplate-study-") as folder:
-            library = ctypes.CDLL(str(compile_runs(scenario, Path(folder))))
+            library = ctypes.CDLL(str(compile_runs(scenario, surface, Path(folder))))
         self._simulate = library.simulate
-        self._simulate.restype = ctypes.c_int64
+        self._desired = np.empty((ticks, 5, 2))
+        library.desire(ctypes.c_int64(ticks), _address(self._desired))
+        self._found = np.empty((3, LANES, ticks, 2))
+        self._good = np.empty(LANES, np.int32)
         self._time = scenario.rig.period * np.arange(ticks)
-        self._desired = build_reference(scenario)(self._time)[0].reshape(-1, 2)
+        self._path = build_reference(scenario)(self._time)[0].reshape(-1, 2)
 
-    def run(self, scenario: Scenario) -> Motion | None:
-        """The motion of a rig; None if its plate was levelled or its ball left the plate.
+    def run(self, rigs: Sequence[CompiledRig]) -> list[Motion | None]:
+        """The motions of some rigs, at most ``LANES``.
 
         Args:
-            scenario: Its scenario.
+            rigs: The rigs.
+
+        Returns:
+            A motion each, in memory that the next call overwrites; None if its plate was levelled
+            or its ball left the plate.
         """
         ticks = len(self._time)
-        values = rig_values(scenario)
-        surface = surface_of(scenario)
-        numbers = draw_noise(scenario, ticks + 1)
-        state, applied = np.empty((ticks, 8)), np.empty((ticks, 2))
-        done = self._simulate(
+        lanes = [rigs[min(lane, len(rigs) - 1)] for lane in range(LANES)]
+        values = np.array([rig.values for rig in lanes])
+        noise = {id(rig): draw_noise(rig.scenario, ticks + 1) for rig in rigs}
+        numbers = [stream for rig in lanes for stream in noise[id(rig)]]
+        self._simulate(
             _address(values),
-            _address(surface),
+            (ctypes.c_void_p * LANES)(*(_address(rig.surface) for rig in lanes)),
             (ctypes.c_void_p * len(numbers))(*map(_address, numbers)),
             (ctypes.c_int64 * len(numbers))(*map(_stride, numbers)),
             ctypes.c_int64(ticks),
-            _address(state),
-            _address(applied),
+            _address(self._desired),
+            *map(_address, self._found),
+            _address(self._good),
         )
-        if done < ticks or not np.isfinite(state).all():
-            return None
-        return Motion(
-            time=self._time,
-            ball=state[:, 0::4],
-            plate=state[:, 2::4],
-            u=applied,
-            reference=self._desired,
-        )
+        good = self._good & np.isfinite(self._found).all(axis=(0, 2, 3))
+        return [
+            Motion(time=self._time, ball=ball, plate=plate, u=applied, reference=self._path)
+            if fine
+            else None
+            for fine, ball, plate, applied in zip(good[: len(rigs)], *self._found, strict=False)
+        ]
 
 
-def rig_values(scenario: Scenario) -> Array:
-    """The variables of a scenario's rig, in their order; its noise comes held by ``draw_noise``."""
-    about = variables(scenario, frame_phase(scenario))
-    held = "sensors.noise_hold"
-    return np.array([0.0 if each.name == held else each.start or 0.0 for each in about])
+class CompiledRig(NamedTuple):
+    """A rig for the compiled loop.
+
+    Attributes:
+        scenario: Its scenario.
+        surface: Its ``surface_of``.
+    """
+
+    scenario: Scenario
+    surface: Array | None
+
+    @property
+    def values(self) -> Array:
+        """The variables of the C source in their order."""
+        framed = self.scenario.sensors.touch.frame_rate > 0
+        return first_values(self.scenario, frame_phase(self.scenario) if framed else 0.0)
 
 
-def _address(values: Array | None) -> ctypes.c_void_p | None:
+def _address(values: NDArray[Any] | None) -> ctypes.c_void_p | None:
     return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
 
 
@@ -188,13 +215,7 @@ def _stride(values: Array | None) -> int:
     return 0 if values is None else values.strides[0] // values.itemsize
 
 
-def rig_source(scenario: Scenario) -> dict[str, str]:
-    """What of a scenario's rig is compiled in: the two files of ``c_source``, by name."""
-    surface = surface_of(scenario)
-    return c_source(scenario, None if surface is None else np.ones_like(surface), None)
-
-
-def compile_runs(scenario: Scenario, folder: Path) -> Path:
+def compile_runs(scenario: Scenario, surface: Array | None, folder: Path) -> Path:
     """Compile the loop of a scenario in a folder.
 
     Returns:
@@ -210,7 +231,8 @@ def compile_runs(scenario: Scenario, folder: Path) -> Path:
     if compiler is None:
         raise TwinError("engine: c needs a C compiler (cc, gcc or clang); none is installed")
     parts = controller_parts(NAME, control_of(scenario), "double")
-    rig, _ = add_token(read_sources(*RIG_SOURCES) | rig_source(scenario), variables(scenario, 0.0))
+    fixed = c_source(scenario, surface, None)
+    rig, _ = add_token(read_sources(*RIG_SOURCES) | fixed, variables(scenario, 0.0))
     texts = {
         **{name: text for name, text in rig.items() if name != "noise.c"},
         **read_sources("fmi.h"),
@@ -233,21 +255,39 @@ def compile_runs(scenario: Scenario, folder: Path) -> Path:
     return library
 
 
-_compiled: dict[tuple[str, ...], CompiledRuns] = {}
-"""Compiled loops of this process, by all that is compiled in."""
+_compiled: dict[tuple[str, str], CompiledRuns] = {}
+"""Compiled loops of this process, by controller and by what of a rig is compiled in."""
 
 
-def compiled_runs(scenario: Scenario) -> CompiledRuns:
-    """The compiled loop of a scenario, made once in the life of this process.
+def compiled_runs(rig: CompiledRig, controller: str) -> CompiledRuns:
+    """The compiled loop of a rig, made once in the life of this process.
+
+    Args:
+        rig: The rig.
+        controller: The ``controller_key`` of its scenario.
 
     Raises:
         TwinError: If the controller has no form in C, or there is no compiler.
     """
-    key = (controller_key(scenario), *rig_source(scenario).values())
+    key = controller, repr(compiled_in(rig.scenario, rig.surface))
     if key not in _compiled:
         with own_errors():
-            _compiled[key] = CompiledRuns(scenario)
+            _compiled[key] = CompiledRuns(rig.scenario, rig.surface)
     return _compiled[key]
+
+
+def knows(scenario: Scenario) -> bool:
+    """Whether there is a compiler, and the compiled loop knows all of a scenario."""
+    if find_c_compiler() is None or any(find_unknown(scenario)):
+        return False
+    try:
+        with extra("casadi", "engine = c"):
+            from twin.board.source import controller_parts  # noqa: PLC0415  heavy
+        with own_errors():
+            controller_parts(NAME, control_of(scenario), "double")
+    except TwinError:
+        return False
+    return True
 
 
 def check_known(scenario: Scenario) -> None:
@@ -268,7 +308,7 @@ def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:
     """
     rows: dict[str, Row] = {}
     refused: dict[str, TwinError | None] = {}
-    others = list[Job]()
+    alike: dict[CompiledRuns, list[tuple[Job, CompiledRig]]] = {}
     for job in jobs:
         scenario = Scenario.model_validate_json(job.scenario)
         controller = controller_key(scenario)
@@ -278,13 +318,24 @@ def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:
             rows[job.key] = refused_row(job.key, error)
             continue
         check_known(scenario)
-        motion = compiled_runs(scenario).run(scenario)
-        if motion is None:
-            others.append(job)
-            continue
-        end = Outcome(Ending.FINISHED, scenario.duration)
-        axes = scenario.plant.axes
-        found = measure(motion, end, axes=axes, **dict(scenario.metrics))
-        rows[job.key] = metrics_row(job.key, found)
+        rig = CompiledRig(scenario, surface_of(scenario))
+        alike.setdefault(compiled_runs(rig, controller), []).append((job, rig))
+    others = list[Job]()
+    for runs, rigs in alike.items():
+        for first in range(0, len(rigs), LANES):
+            some = rigs[first : first + LANES]
+            motions = runs.run([rig for _, rig in some])
+            for (job, rig), motion in zip(some, motions, strict=True):
+                if motion is None:
+                    others.append(job)
+                else:
+                    rows[job.key] = row_of(job, rig.scenario, motion)
     rows |= {row["key"]: row for row in carry_out(others)}
     return [rows[job.key] for job in jobs]
+
+
+def row_of(job: Job, scenario: Scenario, motion: Motion) -> Row:
+    """The row of a run that finished."""
+    end = Outcome(Ending.FINISHED, scenario.duration)
+    axes = scenario.plant.axes
+    return metrics_row(job.key, measure(motion, end, axes=axes, **dict(scenario.metrics)))

@@ -520,8 +520,17 @@ def _importance(study: Study, found: Sequence[Answer], metric: str) -> list[str]
     return words
 
 
-def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> None:
+def write(
+    work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path, more: Sequence[Block] = ()
+) -> None:
     """Write report.html, figures/*.svg, rows.parquet and rows.csv.
+
+    Args:
+        work: The runs.
+        rows: A row per run.
+        found: One answer per variant.
+        folder: Where.
+        more: Further blocks of the page.
 
     Raises:
         RecordError: If a file cannot be written.
@@ -547,8 +556,9 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         first, second = REPORT_WORDS["names"].get(study.method, ("", ""))
         heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
         blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
-    more = ", figures/" if pictures else ""
-    note = f"In the folder of this page, as data: rows.parquet, rows.csv{more}."
+    blocks += more
+    drawn = ", figures/" if pictures else ""
+    note = f"In the folder of this page, as data: rows.parquet, rows.csv{drawn}."
     blocks.append(Text([what_ran(work)], "The study", note))
     page.write(folder / "report.html", study.title, blocks)
 

@@ -49,21 +49,24 @@ def sobol_designs(study: Study) -> int:
     return min(SOBOL_DESIGNS, max(2, study.samples // SOBOL_LEAST))
 
 
-def quantiles(study: Study) -> Array:
+def quantiles(study: Study, times: int = 1) -> Array:
     """The design in quantiles, shape (points, parameters); of the methods that have one.
+
+    So many times as many points are designs of the same size, independent of the study's own.
 
     The design ``sobol`` is several designs, one after the other, each an independently scrambled
     Sobol sequence (Owen). A base sample has two points A and B that are drawn independently, and is
     a block of d + 2 rows: A, then A with one coordinate of B after the other, then B.
     """
     count, d = study.samples, len(study.parameters)
-    rng = np.random.default_rng(DESIGN_SEED)
+    rng = np.random.default_rng(DESIGN_SEED if times == 1 else (DESIGN_SEED, times))
     if study.method == "lhs":
-        return np.asarray(qmc.LatinHypercube(d, rng=rng).random(count))
+        cubes = [qmc.LatinHypercube(d, rng=rng).random(count) for _ in range(times)]
+        return np.concatenate(cubes)
     if study.method != "sobol":
-        return np.asarray(rng.uniform(size=(count, d)))
-    designs = sobol_designs(study)
-    base = [qmc.Sobol(2 * d, rng=each).random(count // designs) for each in rng.spawn(designs)]
+        return np.asarray(rng.uniform(size=(times * count, d)))
+    designs, spawned = sobol_designs(study), rng.spawn(times * sobol_designs(study))
+    base = [qmc.Sobol(2 * d, rng=each).random(count // designs) for each in spawned]
     # a sequence is most even in neighbouring dimensions: they are the two values of a parameter
     pairs = np.concatenate(base).reshape(-1, d, 2)
     blocks = np.repeat(pairs[:, None, :, 0], d + 2, axis=1)
@@ -93,14 +96,14 @@ class Design(Sequence[Point]):
         return Design({key: each[index] for key, each in self.columns.items()})
 
 
-def points(study: Study) -> Design:
-    """The points of a study, in the order its analysis needs."""
+def points(study: Study, times: int = 1) -> Design:
+    """The points of a study, or so many times as many others, in the order its analysis needs."""
     about = study.parameters
     if study.method == "grid":
         steps = [about[key].steps(study.samples) for key in about]
         values = zip(*product(*steps), strict=True)
         return Design({key: column(each) for key, each in zip(about, values, strict=True)})
-    rows = quantiles(study)
+    rows = quantiles(study, times)
     return Design({key: about[key].at(rows[:, k]) for k, key in enumerate(about)})
 
 
@@ -306,6 +309,8 @@ class Work(ScenarioRuns):
 
     Args:
         study: What is asked.
+        design: Points in place of the study's own.
+        left_out: Parameters that the runs leave as their scenario has them.
 
     Attributes:
         design: Its points.
@@ -316,10 +321,13 @@ class Work(ScenarioRuns):
         ScenarioError: If a parameter is no key of the scenario, or a value is out of range.
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(
+        self, study: Study, design: Design | None = None, left_out: Collection[str] = ()
+    ) -> None:
         super().__init__((), mark="" if study.engine == "python" else f"engine c {c_code()} ")
         self.study = study
-        self.design = points(study)
+        self.design = points(study) if design is None else design
+        self._left_out = left_out
         self._relative = {key for key, item in study.parameters.items() if item.relative}
         self._bases = {
             each.name: (Builder(each.scenario or study.scenario), (*study.set, *each.set))
@@ -351,7 +359,8 @@ class Work(ScenarioRuns):
 
     def _made(self, variant: str, point: int, seed: int) -> Scenario:
         build, fixed = self._bases[variant]
-        scenario = build((*fixed, f"seed={seed}"), self.design[point], self._relative)
+        given = {key: each for key, each in self.design[point].items() if key not in self._left_out}
+        scenario = build((*fixed, f"seed={seed}"), given, self._relative)
         return without_title(at_study_step(scenario))
 
 

@@ -10,35 +10,30 @@ static double larger(double a, double b) { return b > a ? b : a; }
 
 /* ---- Noise ------------------------------------------------------------------------------------ */
 
-/* The draw of a stream in a control period, held as long as the scenario says. */
-static double drawn(const Rig *rig, int stream, double variance, int64_t tick) {
-    if (variance == 0 || !rig->v[NOISE])
+/* The draw of a stream in this control period, held as long as the scenario says. */
+static double drawn(const Rig *rig, int stream, double deviation) {
+    if (deviation == 0 || !rig->v[NOISE])
         return 0;
-    int64_t hold = (int64_t)rint(larger(rig->v[SENSORS_NOISE_HOLD], PERIOD) / PERIOD);
-    uint64_t number = (uint64_t)(tick / hold);
-    return sqrt(variance) * noise((uint64_t)rig->v[SEED], (uint64_t)stream, number);
+    uint64_t number = (uint64_t)(rig->tick / rig->fixed.hold);
+    return deviation * noise((uint64_t)rig->v[SEED], (uint64_t)stream, number);
 }
 
 /* ---- Friction ---------------------------------------------------------------------------------- */
 
-static int absent(const double *v) {
-    return v[PLANT_FRICTION_ROLLING] == 0 && v[PLANT_FRICTION_VISCOUS] == 0 && !SURFACE_X;
-}
-
 static int sticking(const double *v) { return v[PLANT_FRICTION_BREAKAWAY_RATIO] > 1; }
 
-/* Relative friction and slope along x and y where the ball is, straight between the grid's points;
-   beside the screen its edge counts. */
-static void surface(const double *v, double x, double y, double found[3]) {
-    double width = v[PLANT_SIZE], depth = v[PLANT_SIZE + 1];
+/* Relative friction and slope along x and y where a ball is, straight between the grid's points;
+   beyond the screen its edge counts. */
+static void surface(const Rig *rig, double x, double y, double found[3]) {
+    double width = rig->v[PLANT_SIZE], depth = rig->v[PLANT_SIZE + 1];
     double along = smaller(larger((x / width + 0.5) * (SURFACE_X - 1), 0), SURFACE_X - 1);
     double across = smaller(larger((y / depth + 0.5) * (SURFACE_Y - 1), 0), SURFACE_Y - 1);
     int i = (int)smaller(floor(along), SURFACE_X - 2);
     int j = (int)smaller(floor(across), SURFACE_Y - 2);
     double s = along - i, t = across - j;
     for (int k = 0; k < 3; k++) {
-        double near = (1 - t) * SURFACE[i][j][k] + t * SURFACE[i][j + 1][k];
-        double far = (1 - t) * SURFACE[i + 1][j][k] + t * SURFACE[i + 1][j + 1][k];
+        double near = (1 - t) * SCREEN(rig)[i][j][k] + t * SCREEN(rig)[i][j + 1][k];
+        double far = (1 - t) * SCREEN(rig)[i + 1][j][k] + t * SCREEN(rig)[i + 1][j + 1][k];
         found[k] = (1 - s) * near + s * far;
     }
 }
@@ -61,23 +56,6 @@ static void have_age(Rig *rig) {
     if (wanted && !rig->ageing)
         rig->age = settled(rig->v, hypot(rig->vx, rig->vy));
     rig->ageing = wanted;
-}
-
-/* arm = relative(x, y) rolling (1 + (breakaway_ratio - 1) age) + viscous v */
-static double arm(const Rig *rig, double x, double vx, double y, double vy) {
-    const double *v = rig->v;
-    int matters = sticking(v) || v[PLANT_FRICTION_VISCOUS] > 0;
-    double speed = matters ? hypot(vx, vy) : 0, length = v[PLANT_FRICTION_ROLLING];
-    if (sticking(v)) {
-        double surplus = rig->ageing ? rig->age : settled(v, speed);
-        length = length * (1 + (v[PLANT_FRICTION_BREAKAWAY_RATIO] - 1) * surplus);
-    }
-    if (SURFACE_X) {
-        double found[3];
-        surface(v, x, y, found);
-        length = length * found[0];
-    }
-    return length + v[PLANT_FRICTION_VISCOUS] * speed;
 }
 
 /* Dahl (1968) in the plane: z' = v - |v| z / s along a straight way; s the presliding distance. */
@@ -247,15 +225,6 @@ static const char *misfit(const double *v) {
 
 /* ---- Ball -------------------------------------------------------------------------------------- */
 
-typedef struct {
-    double c1, c2;           /* (5.1) */
-    double turn;             /* factor of the plate's rate about its normal */
-    double lever_x, lever_y; /* of products of the plate's rates, m */
-    double share;            /* sqrt(1 - c1) where the spin is a state, else 0 */
-    double radius;
-    double gravity[3]; /* in the axes of the base, m/s^2 */
-} Ball;
-
 static Ball ball_of(const double *v) {
     double m = v[PLANT_BALL_MASS], r = v[PLANT_BALL_RADIUS], J = v[PLANT_BALL_INERTIA];
     double g = v[GRAVITY], phi = v[PLANT_LEVEL], theta = AXES == 1 ? 0 : v[PLANT_LEVEL + 1];
@@ -274,52 +243,138 @@ static Ball ball_of(const double *v) {
     return ball;
 }
 
-/* Newton and Euler of the rolling ball where the plate's motion is given, (R5) and (R4) of
+/* Instants of a control period: its begin, and the middle and the end of each step. */
+enum { INSTANTS = 2 * STEPS + 1 };
+
+/* A number of each of the rigs that are simulated side by side. Where ALL of them do the same, the
+   compiler calculates them at once; loops over EACH may differ from rig to rig. */
+typedef double Lanes[LANES];
+#define EACH(l) for (int l = 0; l < LANES; l++)
+#if LANES > 1
+#define ALL(l) _Pragma("omp simd") EACH(l)
+#else
+#define ALL(l) EACH(l)
+#endif
+
+/* How plates move, at each instant. */
+typedef struct {
+    Lanes angle[2][INSTANTS], rate[2][INSTANTS], u[2][INSTANTS];
+    Lanes sine[2][INSTANTS], cosine[2][INSTANTS];
+} Plates;
+
+/* Newton and Euler of rolling balls where the plates' motion is given, (R5) and (R4) of
    twin.sim.plant.exact; q = sqrt(1 - c1) r n is the speed of the spin n about the normal:
    x'' = xx x + xy y + turn y' + px + hx q,  y'' = yx x + yy y - turn x' + py + hy q,
    q' = -hx x' - hy y' */
 typedef struct {
-    double xx, xy, yx, yy, turn, px, py, hx, hy;
-    double normal; /* force per mass that presses the ball on the plate, m/s^2 */
+    Lanes xx, xy, yx, yy, turn, px, py, hx, hy;
+    Lanes normal; /* force per mass that presses the ball on the plate, m/s^2 */
 } Rolling;
 
-static Rolling rolling(const Ball *ball, const double angle[2], const double rate[2],
-                       const double u[2]) {
-    double s3 = sin(angle[0]), s7 = sin(angle[1]), c3 = cos(angle[0]), c7 = cos(angle[1]);
-    double wy = rate[0], w7 = rate[1], u1 = u[0], u2 = u[1], c1 = ball->c1;
-    double gx = ball->gravity[0], gy = ball->gravity[1], gz = ball->gravity[2];
-    double wx = w7 * c3, wz = w7 * s3, down = c7 * gz - s7 * gy, xy = c1 * s3 * u2;
-    Rolling at = {
-        c1 * (wz * wz + wy * wy),
-        xy,
-        -2 * c1 * wx * wy - xy,
-        c1 * w7 * w7,
-        ball->turn * wz,
-        c1 * (c3 * gx - s3 * down - ball->lever_x * wx * wz) - ball->c2 * u1,
-        c1 * (c7 * gy + s7 * gz - ball->lever_y * wy * wz) + ball->c2 * c3 * u2,
-        ball->share * wx,
-        ball->share * wy,
-        -s3 * gx - c3 * down,
-    };
-    return at;
+/* What balls do. */
+typedef struct {
+    Lanes x, vx, y, vy, q;
+} Balls;
+
+/* What of a rig its ball feels in a period. */
+typedef struct {
+    Lanes c1, c2, turn, lever_x, lever_y, share, radius, gx, gy, gz; /* as of Ball */
+    Lanes length, surplus, stribeck, viscous;                       /* of friction */
+    Lanes ages, age; /* 1 and the age where the contact has one, else 0 */
+    Lanes slides;    /* 0 where a bent contact resists instead, else 1 */
+    int sticks, bends, walls; /* of any of them */
+} Feel;
+
+static const double SMALL = 0.3; /* rad, up to which the series below are exact to rounding */
+
+/* Sines and cosines. */
+static void sines(const Lanes angle, Lanes sine, Lanes cosine) {
+    ALL(l) {
+        double a = angle[l], s = a * a, odd = 1. / 6227020800, even = 1. / 479001600;
+        odd = -1. / 39916800 + s * odd;
+        odd = 1. / 362880 + s * odd;
+        odd = -1. / 5040 + s * odd;
+        odd = 1. / 120 + s * odd;
+        odd = -1. / 6 + s * odd;
+        even = -1. / 3628800 + s * even;
+        even = 1. / 40320 + s * even;
+        even = -1. / 720 + s * even;
+        even = 1. / 24 + s * even;
+        even = -1. / 2 + s * even;
+        sine[l] = a + a * s * odd;
+        cosine[l] = 1 + s * even;
+    }
+    EACH(l) {
+        if (!(fabs(angle[l]) <= SMALL)) {
+            sine[l] = sin(angle[l]);
+            cosine[l] = cos(angle[l]);
+        }
+    }
 }
 
-/* Largest acceleration that friction can take away, m/s^2. */
-static double limit(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
-                    double y, double vy) {
-    return ball->c1 * (arm(rig, x, vx, y, vy) / ball->radius) * at->normal;
+/* The equations of the balls at an instant. */
+static void roll(const Feel *feel, const Plates *plates, int k, Rolling *at) {
+    ALL(l) {
+        double gx = feel->gx[l], gy = feel->gy[l], gz = feel->gz[l], c1 = feel->c1[l];
+        double s3 = plates->sine[0][k][l], s7 = plates->sine[1][k][l];
+        double c3 = plates->cosine[0][k][l], c7 = plates->cosine[1][k][l];
+        double wy = plates->rate[0][k][l], w7 = plates->rate[1][k][l];
+        double u1 = plates->u[0][k][l], u2 = plates->u[1][k][l];
+        double wx = w7 * c3, wz = w7 * s3, down = c7 * gz - s7 * gy, xy = c1 * s3 * u2;
+        at->xx[l] = c1 * (wz * wz + wy * wy);
+        at->xy[l] = xy;
+        at->yx[l] = -2 * c1 * wx * wy - xy;
+        at->yy[l] = c1 * w7 * w7;
+        at->turn[l] = feel->turn[l] * wz;
+        at->px[l] = c1 * (c3 * gx - s3 * down - feel->lever_x[l] * wx * wz) - feel->c2[l] * u1;
+        at->py[l] = c1 * (c7 * gy + s7 * gz - feel->lever_y[l] * wy * wz) + feel->c2[l] * c3 * u2;
+        at->hx[l] = feel->share[l] * wx;
+        at->hy[l] = feel->share[l] * wy;
+        at->normal[l] = -s3 * gx - c3 * down;
+    }
 }
 
-/* Acceleration without resistance. */
-static void free_ball(const double *v, const Ball *ball, const Rolling *at, double x, double vx,
-                      double y, double vy, double q, double a[2]) {
-    a[0] = at->xx * x + at->xy * y + at->turn * vy + at->px + at->hx * q;
-    a[1] = at->yx * x + at->yy * y - at->turn * vx + at->py + at->hy * q;
+/* Accelerations without resistance. */
+static void free_balls(const Rig rigs[], const Rolling *at, const Balls *b, Lanes ax, Lanes ay) {
+    ALL(l) {
+        ax[l] = at->xx[l] * b->x[l] + at->xy[l] * b->y[l] + at->turn[l] * b->vy[l] + at->px[l] +
+                at->hx[l] * b->q[l];
+        ay[l] = at->yx[l] * b->x[l] + at->yy[l] * b->y[l] - at->turn[l] * b->vx[l] + at->py[l] +
+                at->hy[l] * b->q[l];
+    }
     if (SLOPING) {
-        double found[3];
-        surface(v, x, y, found);
-        a[0] -= ball->c1 * at->normal * found[1];
-        a[1] -= ball->c1 * at->normal * found[2];
+        EACH(l) {
+            double found[3];
+            surface(&rigs[l], b->x[l], b->y[l], found);
+            ax[l] -= rigs[l].fixed.ball.c1 * at->normal[l] * found[1];
+            ay[l] -= rigs[l].fixed.ball.c1 * at->normal[l] * found[2];
+        }
+    }
+}
+
+/* Largest accelerations that friction can take away, m/s^2, by
+   arm = relative(x, y) rolling (1 + (breakaway_ratio - 1) age) + viscous v. */
+static void limits(const Rig rigs[], const Feel *feel, const Rolling *at, const Balls *b,
+                   const Lanes speed, Lanes most) {
+    Lanes length;
+    ALL(l)
+        length[l] = feel->length[l];
+    if (feel->sticks) {
+        ALL(l) {
+            double share = speed[l] / feel->stribeck[l], settled = 1 / (1 + share * share);
+            length[l] *= 1 + feel->surplus[l] * (feel->ages[l] > 0 ? feel->age[l] : settled);
+        }
+    }
+    if (SURFACE_X) {
+        EACH(l) {
+            double found[3];
+            surface(&rigs[l], b->x[l], b->y[l], found);
+            length[l] *= found[0];
+        }
+    }
+    ALL(l) {
+        double arm = length[l] + feel->viscous[l] * speed[l];
+        most[l] = feel->c1[l] * (arm / feel->radius[l]) * at->normal[l];
     }
 }
 
@@ -338,10 +393,11 @@ static double reach(const double *v, int i) {
 
 static int circle(const double *v) { return ROUND && isfinite(reach(v, 0)); }
 
-static int met(const Rig *rig) {
-    double far = reach(rig->v, 0);
-    return fabs(rig->x) > far || fabs(rig->y) > reach(rig->v, 1) ||
-           (circle(rig->v) && rig->x * rig->x + rig->y * rig->y > far * far);
+/* Whether a ball is beyond a wall; at is (x, x', y, y'). */
+static int met(const double *v, const double at[4]) {
+    double far = reach(v, 0);
+    return fabs(at[0]) > far || fabs(at[2]) > reach(v, 1) ||
+           (circle(v) && at[0] * at[0] + at[2] * at[2] > far * far);
 }
 
 /* Direction from the middle to the ball. */
@@ -364,21 +420,20 @@ static void stop(const double *v, double far, double before, double *x, double *
     *speed = gap <= 0 ? 0 : side * (a * left - away);
 }
 
-static void rebound(Rig *rig, double vx, double vy) {
-    const double *v = rig->v;
+static void rebound(const double *v, double vx, double vy, double at[4]) {
     if (!circle(v)) {
-        stop(v, reach(v, 0), vx, &rig->x, &rig->vx);
-        stop(v, reach(v, 1), vy, &rig->y, &rig->vy);
+        stop(v, reach(v, 0), vx, &at[0], &at[1]);
+        stop(v, reach(v, 1), vy, &at[2], &at[3]);
         return;
     }
-    double n[2], far = sqrt(rig->x * rig->x + rig->y * rig->y);
-    outwards(rig->x, rig->y, n);
-    double there = far, speed = n[0] * rig->vx + n[1] * rig->vy, after = speed;
+    double n[2], far = sqrt(at[0] * at[0] + at[2] * at[2]);
+    outwards(at[0], at[2], n);
+    double there = far, speed = n[0] * at[1] + n[1] * at[3], after = speed;
     stop(v, reach(v, 0), n[0] * vx + n[1] * vy, &there, &after);
-    rig->x += (there - far) * n[0];
-    rig->y += (there - far) * n[1];
-    rig->vx += (after - speed) * n[0];
-    rig->vy += (after - speed) * n[1];
+    for (int i = 0; i < 2; i++) {
+        at[2 * i] += (there - far) * n[i];
+        at[2 * i + 1] += (after - speed) * n[i];
+    }
 }
 
 /* What is wrong with the walls and where the ball begins; NULL if nothing is. */
@@ -420,84 +475,195 @@ static void support(const double *v, double x, double vx, double y, double vy, d
 
 /* ---- Motion ------------------------------------------------------------------------------------ */
 
-/* Acceleration with resistance: a moving ball is slowed against its velocity, a resting one starts
+/* Accelerations with resistance: a moving ball is slowed against its velocity, a resting one starts
    only when the free acceleration exceeds the limit, a bent contact pushes back. */
-static void accelerate(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
-                       double y, double vy, double q, double a[2]) {
-    free_ball(rig->v, ball, at, x, vx, y, vy, q, a);
-    double s = rig->v[PLANT_FRICTION_PRESLIDING];
-    double most = absent(rig->v) ? 0 : limit(rig, ball, at, x, vx, y, vy);
-    if (!absent(rig->v) && s > 0) {
-        a[0] -= most * (rig->bend[0] / s);
-        a[1] -= most * (rig->bend[1] / s);
+static void accelerate(const Rig rigs[], const Feel *feel, const Rolling *at, const Balls *b,
+                       Lanes ax, Lanes ay, Lanes most) {
+    Lanes speed;
+    int rests = 0;
+    ALL(l)
+        speed[l] = sqrt(b->vx[l] * b->vx[l] + b->vy[l] * b->vy[l]);
+    limits(rigs, feel, at, b, speed, most);
+    free_balls(rigs, at, b, ax, ay);
+    if (feel->bends) {
+        EACH(l) {
+            if (feel->slides[l] > 0)
+                continue;
+            ax[l] -= most[l] * (rigs[l].bend[0] / rigs[l].v[PLANT_FRICTION_PRESLIDING]);
+            ay[l] -= most[l] * (rigs[l].bend[1] / rigs[l].v[PLANT_FRICTION_PRESLIDING]);
+        }
     }
-    support(rig->v, x, vx, y, vy, a);
-    if (absent(rig->v) || s > 0)
-        return;
-    double speed = sqrt(vx * vx + vy * vy);
-    if (speed > 0) {
-        a[0] -= most / speed * vx;
-        a[1] -= most / speed * vy;
-        return;
+    if (feel->walls) {
+        EACH(l) {
+            double a[2] = {ax[l], ay[l]};
+            support(rigs[l].v, b->x[l], b->vx[l], b->y[l], b->vy[l], a);
+            ax[l] = a[0];
+            ay[l] = a[1];
+        }
     }
-    double push = sqrt(a[0] * a[0] + a[1] * a[1]);
-    double share = push > most && push > 0 ? 1 - most / push : 0;
-    a[0] *= share;
-    a[1] *= share;
+    ALL(l) {
+        double by = feel->slides[l] * most[l] / (speed[l] > 0 ? speed[l] : 1);
+        ax[l] -= by * b->vx[l];
+        ay[l] -= by * b->vy[l];
+    }
+    EACH(l)
+        rests |= speed[l] == 0;
+    if (!rests)
+        return;
+    EACH(l) {
+        double push = sqrt(ax[l] * ax[l] + ay[l] * ay[l]);
+        if (speed[l] == 0 && feel->slides[l] > 0) {
+            double share = push > most[l] ? 1 - most[l] / push : 0;
+            ax[l] *= share;
+            ay[l] *= share;
+        }
+    }
 }
 
-/* Whether friction takes away the ball's last speed within this step, and holds the ball. */
-static int held(const Rig *rig, const Ball *ball, const Rolling *at) {
-    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy, a[2];
-    if (absent(rig->v) || rig->v[PLANT_FRICTION_PRESLIDING] > 0)
-        return 0;
-    double reach = limit(rig, ball, at, x, vx, y, vy) * STEP;
-    if (!(vx * vx + vy * vy <= reach * reach))
-        return 0;
-    free_ball(rig->v, ball, at, x, 0, y, 0, rig->q, a);
-    support(rig->v, x, 0, y, 0, a);
-    double hold = limit(rig, ball, at, x, 0, y, 0);
-    return a[0] * a[0] + a[1] * a[1] <= hold * hold;
+/* Whether friction, by its limit, takes away a ball's last speed within this step, and holds it. */
+static void hold(const Rig rigs[], const Feel *feel, const Rolling *at, const Balls *b,
+                 const Lanes most, int held[LANES]) {
+    Balls still = *b;
+    Lanes ax, ay, holding, none;
+    int any = 0;
+    EACH(l) {
+        double reach = most[l] * STEP;
+        held[l] = feel->slides[l] > 0 && most[l] > 0 &&
+                  b->vx[l] * b->vx[l] + b->vy[l] * b->vy[l] <= reach * reach;
+        any |= held[l];
+    }
+    if (!any)
+        return;
+    EACH(l)
+        still.vx[l] = still.vy[l] = none[l] = 0;
+    free_balls(rigs, at, &still, ax, ay);
+    limits(rigs, feel, at, &still, none, holding);
+    EACH(l) {
+        double a[2] = {ax[l], ay[l]};
+        if (feel->walls)
+            support(rigs[l].v, b->x[l], 0, b->y[l], 0, a);
+        held[l] = held[l] && a[0] * a[0] + a[1] * a[1] <= holding[l] * holding[l];
+    }
 }
 
-/* By what the motion of the ball slows its spin, m/s^2. */
-static double lost(const Rolling *at, double vx, double vy) { return at->hx * vx + at->hy * vy; }
+/* What the balls of rigs feel. */
+static void feel_all(Rig rigs[], Feel *feel) {
+    feel->sticks = feel->bends = feel->walls = 0;
+    EACH(l) {
+        Rig *rig = &rigs[l];
+        const Ball *ball = &rig->fixed.ball;
+        const double *v = rig->v;
+        int bends = v[PLANT_FRICTION_PRESLIDING] > 0;
+        feel->c1[l] = ball->c1;
+        feel->c2[l] = ball->c2;
+        feel->turn[l] = ball->turn;
+        feel->lever_x[l] = ball->lever_x;
+        feel->lever_y[l] = ball->lever_y;
+        feel->share[l] = ball->share;
+        feel->radius[l] = ball->radius;
+        feel->gx[l] = ball->gravity[0];
+        feel->gy[l] = ball->gravity[1];
+        feel->gz[l] = ball->gravity[2];
+        feel->length[l] = v[PLANT_FRICTION_ROLLING];
+        feel->surplus[l] = larger(v[PLANT_FRICTION_BREAKAWAY_RATIO] - 1, 0);
+        feel->stribeck[l] = v[PLANT_FRICTION_STRIBECK_SPEED];
+        feel->viscous[l] = v[PLANT_FRICTION_VISCOUS];
+        feel->ages[l] = rig->ageing;
+        feel->age[l] = rig->age;
+        feel->slides[l] = !bends;
+        feel->sticks |= sticking(v);
+        feel->bends |= bends;
+        feel->walls |= isfinite(reach(v, 0)) || isfinite(reach(v, 1));
+        if (!bends)
+            rig->bend[0] = rig->bend[1] = 0;
+    }
+}
+
+/* Contacts bent on by half a step. */
+static void bend_all(Rig rigs[], const Feel *feel, const Balls *b) {
+    if (feel->bends)
+        EACH(l)
+            if (!(feel->slides[l] > 0))
+                bend_on(&rigs[l], b->vx[l], b->vy[l], STEP / 2);
+}
+
+/* Walls met within a step that began with speeds. */
+static void rebound_all(Rig rigs[], const Feel *feel, const Balls *before, Balls *b) {
+    if (!feel->walls)
+        return;
+    EACH(l) {
+        Rig *rig = &rigs[l];
+        double at[4] = {b->x[l], b->vx[l], b->y[l], b->vy[l]};
+        if (!met(rig->v, at))
+            continue;
+        rebound(rig->v, before->vx[l], before->vy[l], at);
+        b->x[l] = at[0];
+        b->vx[l] = at[1];
+        b->y[l] = at[2];
+        b->vy[l] = at[3];
+    }
+}
+
+/* Balls after a time with velocities, accelerations and what slows their spin. */
+static void after(const Balls *b, double time, const Balls *by, const Lanes ax, const Lanes ay,
+                  const Rolling *at, Balls *found) {
+    ALL(l) {
+        found->x[l] = b->x[l] + time * by->vx[l];
+        found->y[l] = b->y[l] + time * by->vy[l];
+        found->vx[l] = b->vx[l] + time * ax[l];
+        found->vy[l] = b->vy[l] + time * ay[l];
+        found->q[l] = b->q[l] - time * (at->hx[l] * by->vx[l] + at->hy[l] * by->vy[l]);
+    }
+}
 
 /* One step of RK4, by the equations at its begin, middle and end. */
-static void roll_on(Rig *rig, const Ball *ball, const Rolling at[3]) {
-    double h = STEP, half = STEP / 2;
-    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy, q = rig->q;
-    double a[2], b[2], c[2], e[2];
-    bend_on(rig, vx, vy, half);
-    accelerate(rig, ball, &at[0], x, vx, y, vy, q, a);
-    double vx2 = vx + half * a[0], vy2 = vy + half * a[1];
-    double q1 = lost(&at[0], vx, vy), q2 = lost(&at[1], vx2, vy2);
-    accelerate(rig, ball, &at[1], x + half * vx, vx2, y + half * vy, vy2, q - half * q1, b);
-    double vx3 = vx + half * b[0], vy3 = vy + half * b[1];
-    double q3 = lost(&at[1], vx3, vy3);
-    accelerate(rig, ball, &at[1], x + half * vx2, vx3, y + half * vy2, vy3, q - half * q2, c);
-    double vx4 = vx + h * c[0], vy4 = vy + h * c[1];
-    double q4 = lost(&at[2], vx4, vy4);
-    accelerate(rig, ball, &at[2], x + h * vx3, vx4, y + h * vy3, vy4, q - h * q3, e);
-    int rests = held(rig, ball, &at[0]);
-    rig->q = q - h / 6 * (q1 + 2 * (q2 + q3) + q4);
-    rig->x = x + h / 6 * (vx + 2 * (vx2 + vx3) + vx4);
-    rig->y = y + h / 6 * (vy + 2 * (vy2 + vy3) + vy4);
-    rig->vx = vx + h / 6 * (a[0] + 2 * (b[0] + c[0]) + e[0]);
-    rig->vy = vy + h / 6 * (a[1] + 2 * (b[1] + c[1]) + e[1]);
-    if (met(rig))
-        rebound(rig, vx, vy);
-    if (rests)
-        rig->vx = rig->vy = 0;
-    bend_on(rig, rig->vx, rig->vy, half);
-    if (rig->ageing)
-        rig->age = aged(rig->v, rig->age, hypot(vx + rig->vx, vy + rig->vy) / 2, h);
+static void roll_on(Rig rigs[], Feel *feel, const Rolling at[3], Balls *b) {
+    double h = STEP, sixth = STEP / 6;
+    Lanes ax[4], ay[4], most, unused;
+    Balls first = *b, two, three, four;
+    int held[LANES];
+    bend_all(rigs, feel, b);
+    accelerate(rigs, feel, &at[0], b, ax[0], ay[0], most);
+    after(b, h / 2, b, ax[0], ay[0], &at[0], &two);
+    accelerate(rigs, feel, &at[1], &two, ax[1], ay[1], unused);
+    after(b, h / 2, &two, ax[1], ay[1], &at[1], &three);
+    accelerate(rigs, feel, &at[1], &three, ax[2], ay[2], unused);
+    after(b, h, &three, ax[2], ay[2], &at[1], &four);
+    accelerate(rigs, feel, &at[2], &four, ax[3], ay[3], unused);
+    hold(rigs, feel, &at[0], b, most, held);
+    ALL(l) {
+        double v1 = b->vx[l], v2 = two.vx[l], v3 = three.vx[l], v4 = four.vx[l];
+        double w1 = b->vy[l], w2 = two.vy[l], w3 = three.vy[l], w4 = four.vy[l];
+        double q1 = at[0].hx[l] * v1 + at[0].hy[l] * w1, q2 = at[1].hx[l] * v2 + at[1].hy[l] * w2;
+        double q3 = at[1].hx[l] * v3 + at[1].hy[l] * w3, q4 = at[2].hx[l] * v4 + at[2].hy[l] * w4;
+        b->q[l] -= sixth * (q1 + 2 * (q2 + q3) + q4);
+        b->x[l] += sixth * (v1 + 2 * (v2 + v3) + v4);
+        b->y[l] += sixth * (w1 + 2 * (w2 + w3) + w4);
+        b->vx[l] += sixth * (ax[0][l] + 2 * (ax[1][l] + ax[2][l]) + ax[3][l]);
+        b->vy[l] += sixth * (ay[0][l] + 2 * (ay[1][l] + ay[2][l]) + ay[3][l]);
+    }
+    rebound_all(rigs, feel, &first, b);
+    EACH(l)
+        if (held[l])
+            b->vx[l] = b->vy[l] = 0;
+    bend_all(rigs, feel, b);
+    EACH(l) {
+        if (rigs[l].ageing) {
+            double speed = hypot(first.vx[l] + b->vx[l], first.vy[l] + b->vy[l]) / 2;
+            feel->age[l] = rigs[l].age = aged(rigs[l].v, rigs[l].age, speed, h);
+        }
+    }
 }
 
 /* How the plate moves in a control period: its accelerations at the begin, and its jerks. */
 typedef struct {
     double u[2], jerk[2];
 } Way;
+
+/* That of all plates, from their angles and rates on. */
+typedef struct {
+    Lanes angle[2], rate[2], u[2], jerk[2];
+} Ways;
 
 /* Of a plate whose servos ramp to rates: they run linearly there; through a linkage it moves on
    the cubic that joins its angles and rates at both ends. */
@@ -524,45 +690,68 @@ static Way way_to(const Rig *rig, const double to[2]) {
     return way;
 }
 
-/* Plate angles, rates and accelerations after a time. */
-static void turn(const Rig *rig, const Way *way, double time, double angle[2], double rate[2],
-                 double u[2]) {
+/* How plates move at each instant. */
+static void turn(const Ways *ways, Plates *plates) {
     for (int i = 0; i < 2; i++) {
-        double more = time * way->jerk[i];
-        angle[i] = rig->angle[i] + time * (rig->rate[i] + time / 2 * (way->u[i] + more / 3));
-        rate[i] = rig->rate[i] + time * (way->u[i] + more / 2);
-        u[i] = way->u[i] + more;
+        for (int k = 0; k < INSTANTS; k++) {
+            double time = STEP / 2 * k;
+            ALL(l) {
+                double u = ways->u[i][l], more = time * ways->jerk[i][l], rate = ways->rate[i][l];
+                plates->angle[i][k][l] =
+                    ways->angle[i][l] + time * (rate + time / 2 * (u + more / 3));
+                plates->rate[i][k][l] = rate + time * (u + more / 2);
+                plates->u[i][k][l] = u + more;
+            }
+            sines(plates->angle[i][k], plates->sine[i][k], plates->cosine[i][k]);
+        }
     }
 }
 
-/* The ball's equations after a time. */
-static Rolling rolling_after(const Rig *rig, const Ball *ball, const Way *way, double time) {
-    double angle[2], rate[2], u[2];
-    turn(rig, way, time, angle, rate, u);
-    return rolling(ball, angle, rate, u);
-}
-
-/* One control period of plate and ball, the servos on their way to rates. */
-static void move(Rig *rig, const double to[2]) {
-    Ball ball = ball_of(rig->v);
-    Way way = way_to(rig, to);
-    double angle[2], rate[2], u[2];
-    Rolling at[3];
-    at[2] = rolling_after(rig, &ball, &way, 0);
-    for (int i = 0; i < STEPS; i++) {
-        at[0] = at[2];
-        for (int k = 1; k <= 2; k++)
-            at[k] = rolling_after(rig, &ball, &way, STEP / 2 * (2 * i + k));
-        roll_on(rig, &ball, at);
+/* One control period of plates and balls, the servos on their way to rates. */
+static void move(Rig rigs[], double to[][2]) {
+    Ways ways;
+    Plates plates;
+    Rolling at[INSTANTS];
+    Balls balls;
+    Feel feel;
+    feel_all(rigs, &feel);
+    EACH(l) {
+        Balls *b = &balls;
+        Way way = way_to(&rigs[l], to[l]);
+        for (int i = 0; i < 2; i++) {
+            ways.angle[i][l] = rigs[l].angle[i];
+            ways.rate[i][l] = rigs[l].rate[i];
+            ways.u[i][l] = way.u[i];
+            ways.jerk[i][l] = way.jerk[i];
+        }
+        b->x[l] = rigs[l].x;
+        b->vx[l] = rigs[l].vx;
+        b->y[l] = rigs[l].y;
+        b->vy[l] = rigs[l].vy;
+        b->q[l] = rigs[l].q;
     }
-    turn(rig, &way, STEPS * STEP, angle, rate, u);
-    memcpy(rig->angle, angle, sizeof angle);
-    memcpy(rig->rate, rate, sizeof rate);
-    double half = rig->v[PLANT_SIZE] / 2, far = rig->x * rig->x + rig->y * rig->y;
-    if (fabs(rig->x) > half || fabs(rig->y) > rig->v[PLANT_SIZE + 1] / 2)
-        rig->fallen = 1;
-    if (ROUND && far > half * half)
-        rig->fallen = 1;
+    turn(&ways, &plates);
+    for (int k = 0; k < INSTANTS; k++)
+        roll(&feel, &plates, k, &at[k]);
+    for (int k = 0; k < 2 * STEPS; k += 2)
+        roll_on(rigs, &feel, &at[k], &balls);
+    EACH(l) {
+        Rig *rig = &rigs[l];
+        rig->x = balls.x[l];
+        rig->vx = balls.vx[l];
+        rig->y = balls.y[l];
+        rig->vy = balls.vy[l];
+        rig->q = balls.q[l];
+        for (int i = 0; i < 2; i++) {
+            rig->angle[i] = plates.angle[i][2 * STEPS][l];
+            rig->rate[i] = plates.rate[i][2 * STEPS][l];
+        }
+        double half = rig->v[PLANT_SIZE] / 2, far = rig->x * rig->x + rig->y * rig->y;
+        if (fabs(rig->x) > half || fabs(rig->y) > rig->v[PLANT_SIZE + 1] / 2)
+            rig->fallen = 1;
+        if (ROUND && far > half * half)
+            rig->fallen = 1;
+    }
 }
 
 /* ---- Drives ------------------------------------------------------------------------------------ */
@@ -653,21 +842,20 @@ static void vibrate(Rig *rig, double mean[2]) {
             moved[i] = rig->sizes[i] * sine + rig->sizes[i + 2] * cosine;
     }
     for (int i = 0; i < 2; i++)
-        mean[i] += ratio(v, i) * amplitude * moved[i];
+        mean[i] += rig->fixed.ratio[i] * amplitude * moved[i];
 }
 
 /* Mean rates of the servos over the next period for the commanded ones. */
 static void follow(Rig *rig, const double command[2], double mean[2]) {
     const double *v = rig->v;
-    double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
-    double left = share > 0 ? exp(-share) : 0, of_mean = share > 0 ? -expm1(-share) / share : 0;
     int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_ACCELERATION] > 0 ||
                   v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0 ||
                   v[PLANT_SERVO_DEAD_TIME] > 0;
-    if (!goes_to)
+    if (!goes_to && rig->ordering)
         memset(rig->ordered, 0, sizeof rig->ordered);
+    rig->ordering = goes_to;
     for (int i = 0; i < 2; i++) { /* a part that a rig gets while it runs begins at 0 */
-        double asked = command[i], by = ratio(v, i);
+        double asked = command[i], by = rig->fixed.ratio[i];
         if (goes_to) {
             asked = servo(rig, i, by, asked * PERIOD) / PERIOD;
         } else {
@@ -675,8 +863,8 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
             rig->servo_turn[i] = asked * PERIOD;
         }
         double lacking = rig->lagging[i] - asked;
-        mean[i] = asked + of_mean * lacking;
-        rig->lagging[i] = asked + left * lacking;
+        mean[i] = asked + rig->fixed.of_mean * lacking;
+        rig->lagging[i] = asked + rig->fixed.left * lacking;
         if (v[PLANT_SERVO_BACKLASH] > 0)
             mean[i] = play(rig, i, by, mean[i] * PERIOD) / PERIOD;
         else
@@ -711,7 +899,7 @@ static void look_back(const Rig *rig, double time, double seen[2], int *felt) {
 /* Dead time of a new sample, s: at most four standard deviations late. */
 static double delay(const Rig *rig) {
     double mean = rig->v[SENSORS_TOUCH_DEAD_TIME], spread = rig->v[SENSORS_TOUCH_DEAD_TIME_SPREAD];
-    double late = mean + drawn(rig, DELAY, spread * spread, rig->tick);
+    double late = mean + drawn(rig, DELAY, spread);
     return smaller(larger(late, 0), mean + 4 * spread);
 }
 
@@ -725,7 +913,7 @@ static void imperfect(const Rig *rig, double seen[2]) {
         seen[1] = y * cos(turn) - x * sin(turn);
     }
     for (int i = 0; i < 2; i++) {
-        seen[i] += drawn(rig, TOUCH_X + i, v[SENSORS_TOUCH_VARIANCE + i], rig->tick);
+        seen[i] += drawn(rig, TOUCH_X + i, rig->fixed.touch[i]);
         if (grid > 0) {
             double pitch = v[PLANT_SIZE + i] / grid;
             seen[i] = rint(seen[i] / pitch) * pitch;
@@ -781,8 +969,7 @@ static void encoders(const Rig *rig, double angle[2]) {
     const double *v = rig->v;
     double counts = v[SENSORS_ENCODERS_COUNTS];
     for (int i = 0; i < 2; i++) {
-        double variance = v[SENSORS_ENCODERS_VARIANCE + i];
-        angle[i] = rig->angle[i] + drawn(rig, ENCODER_PHI + i, variance, rig->tick);
+        angle[i] = rig->angle[i] + drawn(rig, ENCODER_PHI + i, rig->fixed.encoders[i]);
         if (counts > 0)
             angle[i] = rint(angle[i] / (2 * PI / counts)) * (2 * PI / counts);
     }
@@ -881,7 +1068,7 @@ static void command(Rig *rig, double rate[2]) {
         return;
     }
     for (int i = 0; i < 2; i++) /* what the rig knows of its cams may be wrong */
-        rate[i] = ratio(v, i) * ((1 + v[RIG_CAM_ERROR + i]) * rig->commanded[i] +
+        rate[i] = rig->fixed.ratio[i] * ((1 + v[RIG_CAM_ERROR + i]) * rig->commanded[i] +
                                  v[RIG_CAM_COUPLING] * rig->commanded[1 - i]);
 }
 
@@ -937,6 +1124,23 @@ static void measure(Rig *rig) {
 #endif
 }
 
+/* What follows from the variables alone. */
+static Fixed fixed_by(const double *v) {
+    double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
+    Fixed fixed;
+    fixed.ball = ball_of(v);
+    fixed.hold = (int64_t)rint(larger(v[SENSORS_NOISE_HOLD], PERIOD) / PERIOD);
+    fixed.left = share > 0 ? exp(-share) : 0;
+    fixed.of_mean = share > 0 ? -expm1(-share) / share : 0;
+    for (int i = 0; i < 2; i++) {
+        fixed.ratio[i] = ratio(v, i);
+        fixed.touch[i] = sqrt(v[SENSORS_TOUCH_VARIANCE + i]);
+        fixed.encoders[i] = sqrt(v[SENSORS_ENCODERS_VARIANCE + i]);
+        fixed.disturbance[i] = fixed.ratio[i] * PERIOD * sqrt(v[DISTURBANCE_VARIANCE + i]);
+    }
+    return fixed;
+}
+
 void model_reset(Rig *rig, double start) {
     memset(rig, 0, sizeof *rig);
     for (int i = 0; i < VARIABLES; i++)
@@ -951,6 +1155,7 @@ const char *model_set(Rig *rig, unsigned variable, double value) {
         if (!(KINDS[variable].lowest <= value && value <= KINDS[variable].highest))
             return wrong;
     rig->v[variable] = value;
+    rig->known = rig->known && (variable == RATE_PHI || variable == RATE_THETA);
     return NULL;
 }
 
@@ -977,7 +1182,9 @@ const char *model_begin(Rig *rig) {
     rig->vx = v[PLANT_START_X_RATE];
     rig->y = AXES == 1 ? 0 : v[PLANT_START_Y];
     rig->vy = AXES == 1 ? 0 : v[PLANT_START_Y_RATE];
-    rig->q = ball_of(v).share * v[PLANT_BALL_RADIUS] * v[PLANT_START_SPIN];
+    rig->fixed = fixed_by(v);
+    rig->known = 1;
+    rig->q = rig->fixed.ball.share * v[PLANT_BALL_RADIUS] * v[PLANT_START_SPIN];
     have_age(rig);
     for (int i = 0; i < RING; i++) {
         rig->past[i][0] = rig->x;
@@ -992,19 +1199,26 @@ const char *model_begin(Rig *rig) {
     return NULL;
 }
 
-void model_advance(Rig *rig) {
-    const double *v = rig->v;
-    double rate[2], mean[2];
-    command(rig, rate);
-    follow(rig, rate, mean);
-    for (int i = 0; i < 2; i++) {
-        double step = ratio(v, i) * PERIOD, variance = step * step * v[DISTURBANCE_VARIANCE + i];
-        rig->drift[i] += drawn(rig, SHAKE_PHI + i, variance, rig->tick);
-        mean[i] += rig->drift[i];
+void model_advance(Rig rigs[]) {
+    double mean[LANES][2];
+    EACH(l) {
+        Rig *rig = &rigs[l];
+        double rate[2];
+        if (!rig->known)
+            rig->fixed = fixed_by(rig->v);
+        rig->known = 1;
+        command(rig, rate);
+        follow(rig, rate, mean[l]);
+        for (int i = 0; i < 2; i++) {
+            rig->drift[i] += drawn(rig, SHAKE_PHI + i, rig->fixed.disturbance[i]);
+            mean[l][i] += rig->drift[i];
+        }
+        of_axes(mean[l]);
+        have_age(rig);
     }
-    of_axes(mean);
-    have_age(rig);
-    move(rig, mean);
-    rig->tick++;
-    measure(rig);
+    move(rigs, mean);
+    EACH(l) {
+        rigs[l].tick++;
+        measure(&rigs[l]);
+    }
 }

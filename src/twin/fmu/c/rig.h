@@ -16,9 +16,11 @@ enum BallSpin { FREE, LOCKED, THESIS };
 
 extern const double CURVE[CURVE_ROWS + 1][3]; /* angles of servo and plate, slope */
 extern const double PATH[PATH_ROWS ? PATH_ROWS : 1][6];
-#ifdef SURFACE_OF_EACH_RIG /* where one program simulates rigs with screens of their own */
-extern const double (*SURFACE)[SURFACE_X ? SURFACE_Y : 1][3];
+#ifdef LANES /* a program that simulates so many rigs side by side, with screens of their own */
+#define SCREEN(rig) ((rig)->screen)
 #else
+#define LANES 1
+#define SCREEN(rig) SURFACE
 extern const double SURFACE[SURFACE_X ? SURFACE_X : 1][SURFACE_X ? SURFACE_Y : 1][3];
 #endif
 
@@ -31,11 +33,34 @@ enum Fault {
     BAD_REQUEST
 };
 
+typedef struct {
+    double c1, c2;           /* (5.1) */
+    double turn;             /* factor of the plate's rate about its normal */
+    double lever_x, lever_y; /* of products of the plate's rates, m */
+    double share;            /* sqrt(1 - c1) where the spin is a state, else 0 */
+    double radius;
+    double gravity[3]; /* in the axes of the base, m/s^2 */
+} Ball;
+
+/* What follows from a rig's variables alone, and is calculated where one of them was set. */
+typedef struct {
+    Ball ball;
+    int64_t hold;         /* control periods for which a draw of noise is held */
+    double ratio[2];      /* of angles of servo and plate at level */
+    double left, of_mean; /* of what a lagging servo lacks: after a period, and as its mean */
+    double touch[2], encoders[2], disturbance[2]; /* deviations of their noise */
+} Fixed;
+
 /* One rig, all of it: plain data, so that a copy of the bytes is a copy of the rig. */
 typedef struct {
     uint64_t kind;       /* which program wrote it; a state of another is refused */
     double v[VARIABLES]; /* every variable of the model description by its value reference */
-    double start;        /* time of the first period, s */
+#if LANES > 1
+    const double (*screen)[SURFACE_X ? SURFACE_Y : 1][3];
+#endif
+    Fixed fixed;
+    int known;    /* whether it is that of these variables */
+    double start; /* time of the first period, s */
     int64_t tick;        /* control periods since then */
 
     /* plate and ball */
@@ -49,6 +74,7 @@ typedef struct {
 
     /* drives */
     double ordered[RING][2]; /* angle commanded in each of the last periods */
+    int ordering;            /* whether there is any */
     double servo[2];         /* where the servo is */
     double servo_turn[2];    /* in the last period */
     int goes[2];
@@ -89,8 +115,8 @@ const char *model_set(Rig *rig, unsigned variable, double value);
 /* Put plate and ball to their start and measure; a text that says what is wrong, or NULL. */
 const char *model_begin(Rig *rig);
 
-/* Simulate one control period with the rates that are commanded now, and measure. */
-void model_advance(Rig *rig);
+/* Simulate one control period of LANES rigs with the rates that are commanded now, and measure. */
+void model_advance(Rig rigs[]);
 
 /* Streams of noise. */
 enum Stream {
@@ -103,7 +129,8 @@ enum Stream {
     DELAY,
     WANDER, /* and the three after it */
     JITTER = WANDER + 4,
-    LOST
+    LOST,
+    STREAMS
 };
 
 /* White noise of variance 1: the same for the same seed, stream and number. */

@@ -1,0 +1,65 @@
+"""How the memory of many runs grows, in MiB for a thousand more of them.
+
+uv run python -m benchmarks.memory
+
+A sweep of 100 and one of 500 points, a study of 1,000 and one of 5,000 runs: of each the largest
+memory of a process of its own. What they keep of a run is a row of indicators; a motion of 2 s has
+15 MiB in a thousand runs for each column of two axes.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from twin.base.page import markdown
+
+SWEPT = """
+import resource, sys
+import ballplate
+
+seeds, fixed = [*range(int(sys.argv[1]))], ["plant.kind=lagrange", "duration=2.0", "baseline=false"]
+ballplate.sweep("circle", {"seed": seeds}, settings=[*fixed, "metrics.start=1.0"], processes=1)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+STUDIED = """
+import resource, sys
+import ballplate
+
+fixed = ("plant.kind=lagrange", "duration=2.0", "metrics.start=1.0", "baseline=false")
+study = {
+    "title": "memory", "scenario": "circle", "set": fixed, "method": "montecarlo",
+    "parameters": {"plant.friction.rolling_mm": {"uniform": (0.1, 0.3)}},
+}
+ballplate.study(study, samples=int(sys.argv[1]), processes=1, engine="c")
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+ROWS = (("sweep", SWEPT, 100, 500), ("study with engine = c", STUDIED, 1_000, 5_000))
+"""What runs, by which program, and how many runs twice."""
+
+
+def peak_mib(program: str, runs: int) -> float:
+    """Largest memory of a process with so many runs, in MiB."""
+    done = subprocess.run(
+        (sys.executable, "-c", program, str(runs)),
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    return float(done.stdout.split()[-1])
+
+
+def main() -> None:
+    """Print what each costs."""
+    found = []
+    for what, program, few, many in ROWS:
+        small, large = (peak_mib(program, runs) for runs in (few, many))
+        more = 1000 * (large - small) / (many - few)
+        found.append((what, f"{few}: {small:.0f}", f"{many}: {large:.0f}", f"{more:.1f}"))
+    print(markdown(("runs", "MiB of few", "MiB of many", "MiB per 1,000 runs"), found))
+
+
+if __name__ == "__main__":
+    main()
