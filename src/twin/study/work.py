@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
-from scipy.stats import qmc
 
 import controllers
 from controllers.arrays import Array
@@ -59,11 +59,14 @@ def quantiles(study: Study) -> Array:
     count, d = study.samples, len(study.parameters)
     rng = np.random.default_rng(DESIGN_SEED)
     if study.method == "lhs":
-        return np.asarray(qmc.LatinHypercube(d, rng=rng).random(count))
+        return np.asarray(scipy.stats.qmc.LatinHypercube(d, rng=rng).random(count))
     if study.method != "sobol":
         return np.asarray(rng.uniform(size=(count, d)))
     designs = sobol_designs(study)
-    base = [qmc.Sobol(2 * d, rng=each).random(count // designs) for each in rng.spawn(designs)]
+    base = [
+        scipy.stats.qmc.Sobol(2 * d, rng=each).random(count // designs)
+        for each in rng.spawn(designs)
+    ]
     # a sequence is most even in neighbouring dimensions: they are the two values of a parameter
     pairs = np.concatenate(base).reshape(-1, d, 2)
     blocks = np.repeat(pairs[:, None, :, 0], d + 2, axis=1)
