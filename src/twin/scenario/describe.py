@@ -250,7 +250,7 @@ def _docstring(cls: type) -> Docstring:
         return parse_from_object(cls)
     reader = AttributeDocstrings()
     reader.attr_docs, reader.prev_attr = {}, None
-    reader.visit(node)
+    reader.visit(node)  # type: ignore[no-untyped-call]
     found = parse(cls.__doc__ or "")
     known = {item.arg_name for item in found.params}
     for name, (text, of_type, default) in reader.attr_docs.items():
