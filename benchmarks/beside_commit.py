@@ -130,6 +130,13 @@ RAN = SHELL + "print(used.ru_utime + used.ru_stime)"
 """Processor seconds of a command from the shell to its last file."""
 HELD = SHELL + "print(used.ru_maxrss / 1024)"
 """Memory in MiB of the largest of its processes."""
+STARTED = """
+import time
+begin = time.process_time()
+import twin.study.work, twin.whatif.futures
+print(time.process_time() - begin)
+"""
+"""Processor seconds of the imports of a study and of whatif."""
 
 
 class Row(NamedTuple):
@@ -178,6 +185,7 @@ ROWS = (
     ),
     Row("sweep", "sweep over 64 rigs, afl, mechanism", "us", SWEPT, 64, ("circle", MECHANISM)),
     Row("command", "one command of the cure", "us", COMMANDED, 1, ("cure",), 0.6),
+    Row("start", "imports of a study and of whatif", "s", STARTED, 1, ("circle",)),
     Row("run", "run circle from the shell", "s", RAN, 1, ("circle",), 0.7, 25.0),
     Row("memory", "memory of run circle", "MiB", HELD, 1, ("circle",), 0.76, 25.0),
 )

@@ -10,7 +10,7 @@ import operator
 import typing
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 from itertools import repeat
 from numbers import Integral, Real
 from types import NoneType, UnionType
@@ -208,35 +208,54 @@ def check(item: object) -> None:
             value.
     """
     cls: Any = type(item)
-    for name, hint in _hints(cls).items():
+    for name, (hint, holds) in _tests(cls).items():
         value = getattr(item, name)
-        if not _holds(hint, value):
+        if not holds(value):
             got = list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
             raise ValueError(f"{name} must be {_words(hint)}, got {got}")
 
 
+Test = Callable[[Any], bool]
+"""Whether a value is what a type allows."""
+
+
 @cache
-def _hints(cls: Any) -> dict[str, Any]:
-    """The types of the fields of a dataclass that are given to it."""
+def _tests(cls: Any) -> dict[str, tuple[Any, Test]]:
+    """The types of the fields of a dataclass that are given to it, and their tests."""
     hints = typing.get_type_hints(cls, include_extras=True)
-    return {each.name: hints[each.name] for each in fields(cls) if each.init}
+    its = {each.name: hints[each.name] for each in fields(cls) if each.init}
+    return {name: (hint, _test_of(hint)) for name, hint in its.items()}
 
 
-def _holds(hint: Any, value: Any) -> bool:
-    """Whether a value is what a type allows."""
+def _test_of(hint: Any) -> Test:
+    """The test of a type, made once."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        bounds = _bounds(parts)
-        return _holds(parts[0], value) and all(holds(value, bound) for holds, _, bound in bounds)
+        kind, bounds = _test_of(parts[0]), _bounds(parts)
+        return lambda value: kind(value) and all(holds(value, bound) for holds, _, bound in bounds)
     if origin in {typing.Union, UnionType}:
-        return any(_holds(part, value) for part in parts)
+        several = list(map(_test_of, parts))
+        return lambda value: any(holds(value) for holds in several)
     if origin is tuple:
-        several = hasattr(value, "__len__") and not isinstance(value, str)
-        each = [parts[0]] * len(value) if several and parts[-1] is ... else parts
-        return several and len(each) == len(value) and all(map(_holds, each, value))
+        any_number = parts[-1] is ...
+        each = [_test_of(part) for part in parts if part is not ...]
+        return partial(_hold_each, each, any_number=any_number)
     if hint in {float, int}:
-        return isinstance(value, Real if hint is float else Integral) and math.isfinite(value)
-    return {Literal: value in parts, NoneType: value is None}.get(origin or hint, True)
+        kinds = Real if hint is float else Integral
+        return lambda value: isinstance(value, kinds) and math.isfinite(value)
+    if origin is Literal:
+        return lambda value: value in parts
+    return (lambda value: value is None) if hint is NoneType else (lambda _: True)
+
+
+def _hold_each(tests: list[Test], value: Any, *, any_number: bool) -> bool:
+    """Whether a list has a value for each test, or any number for the only one, and all hold."""
+    if not hasattr(value, "__len__") or isinstance(value, str):
+        return False
+    each = tests * len(value) if any_number else tests
+    return len(each) == len(value) and all(
+        holds(item) for holds, item in zip(each, value, strict=True)
+    )
 
 
 def _words(hint: Any) -> str:

@@ -223,13 +223,13 @@ def register(cls: type[Law | Observer | Reference]) -> None:
     if name not in known:
         _check_fields(cls)
         _registered[name] = cls
-        _all_classes.cache_clear()
+        _forget_classes()
 
 
 def unregister(name: str) -> None:
     """Forget a class that was taken in."""
     _registered.pop(name, None)
-    _all_classes.cache_clear()
+    _forget_classes()
 
 
 def _is_stale(cls: type) -> bool:
@@ -261,12 +261,12 @@ def in_files_only() -> Iterator[None]:
     """Within this context the catalog has only what every process finds."""
     kept = dict(_registered)
     _registered.clear()
-    _all_classes.cache_clear()
+    _forget_classes()
     try:
         yield
     finally:
         _registered.update(kept)
-        _all_classes.cache_clear()
+        _forget_classes()
 
 
 def outside() -> list[ModuleType]:
@@ -276,12 +276,7 @@ def outside() -> list[ModuleType]:
 
 def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:
     """All concrete classes of a kind (Law, Observer or Reference) by their name."""
-    found = {
-        item.name: item
-        for item in _all_classes(os.environ.get(LAWS_CLOSED_VARIABLE, ""))
-        if issubclass(item, kind)
-    }
-    return dict(sorted(found.items()))
+    return dict(_of_kind(kind, os.environ.get(LAWS_CLOSED_VARIABLE, "")))
 
 
 def origin(cls: type) -> tuple[str, str] | None:
@@ -305,7 +300,19 @@ def origin(cls: type) -> tuple[str, str] | None:
 def forget() -> None:
     """Look through all modules again when next asked."""
     _looked.clear()
+    _forget_classes()
+
+
+def _forget_classes() -> None:
     _all_classes.cache_clear()
+    _of_kind.cache_clear()
+
+
+@cache
+def _of_kind(kind: type[Kind], closed: str) -> dict[str, type[Kind]]:
+    """The classes of a kind by their names, in the order of these."""
+    found = {item.name: item for item in _all_classes(closed) if issubclass(item, kind)}
+    return dict(sorted(found.items()))
 
 
 @cache

@@ -57,12 +57,20 @@ def own_state(tmp_path_factory):
 
 @pytest.fixture(autouse=True, scope="module")
 def long_lived():
-    """What has been imported stays, and the garbage collector need not look at it again.
-
-    Once for each file: code that runs in real time ends with ``gc.unfreeze``.
-    """
+    """What has been imported stays, and the garbage collector need not look at it again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def kept_frozen():
+    """Code that runs in real time ends with ``gc.unfreeze`` and begins with a whole collection.
+
+    In its own process that is quick; here it would look through what all tests have imported.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gc, "unfreeze", lambda: None)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -107,7 +107,17 @@ def test_a_run_imports_only_what_it_uses(tmp_path, run, unused):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("module", ["twin.run.finished", "twin.run.loop", "controllers.analysis"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        "twin.run.finished",
+        "twin.run.loop",
+        "controllers.analysis",
+        "twin.study.work",
+        "twin.whatif.futures",
+        "twin.play.session",
+    ],
+)
 def test_what_runs_a_scenario_can_be_imported_without_what_it_uses_later(tmp_path, module):
     assert not modules(tmp_path, f"import {module}")[1] & (UNUSED | LATE)
 

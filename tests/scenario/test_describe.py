@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from docstring_parser import parse_from_object
 
 from docs import pages
 from docs import settings as settings_page
@@ -13,6 +14,7 @@ from twin.base.errors import ScenarioError
 from twin.base.settings import value_of
 from twin.cli.runs import describe as command
 from twin.run.tables import flat
+from twin.scenario.describe import _docstring as docstring
 from twin.scenario.describe import about, every_kind, find_keys
 from twin.scenario.load import check
 from twin.scenario.schema import CATALOG_TABLES, Scenario, choices
@@ -53,6 +55,15 @@ def test_every_key_that_a_scenario_has_is_described():
     }
     whole = check(tables, "test").model_dump(mode="json")
     assert flat(whole).keys() == {key.key for key in find_keys()}
+
+
+@pytest.mark.parametrize("table", CATALOG_TABLES)
+def test_docstrings_read_from_a_whole_module_are_those_of_each_class(table):
+    for cls in list(choices(table).values())[:2]:
+        expected, found = parse_from_object(cls), docstring(cls)
+        assert found.short_description == expected.short_description
+        assert expected.params
+        assert list(map(vars, found.params)) == list(map(vars, expected.params))
 
 
 def test_the_described_defaults_are_those_of_a_scenario():

@@ -154,15 +154,18 @@ class Linkage:
                 f"plant.linkage.rod_mm: crank and arm end {_mm(self.lean)} mm apart horizontally "
                 f"at level; must be longer, got {_mm(self.rod)}"
             )
-        for most in np.linspace(0, ANGLE_SPARE_FACTOR * tilt, 111):
-            plate = np.stack(np.meshgrid((-most, 0, most), (-most, 0, most)), axis=-1)
-            off = np.abs(self.plate(self.motor(plate)) - plate).max(axis=(0, 1))
-            if off.max() > LOCKING_TOLERANCE:
-                return (
-                    f"plant.linkage: {('phi', 'theta')[off.argmax()]} locks at "
-                    f"{np.degrees(most):.3g} deg; rig.limits.angle_deg = {np.degrees(tilt):.3g} "
-                    f"needs {ANGLE_SPARE_FACTOR:g} times that"
-                )
+        tilts = np.linspace(0, ANGLE_SPARE_FACTOR * tilt, 111)
+        corners = np.stack(np.meshgrid((-1, 0, 1), (-1, 0, 1)), axis=-1)
+        plate = tilts[:, None, None, None] * corners
+        off = np.abs(self.plate(self.motor(plate)) - plate).max(axis=(1, 2))
+        locked = np.flatnonzero(off.max(axis=1) > LOCKING_TOLERANCE)
+        if len(locked):
+            first = locked[0]
+            return (
+                f"plant.linkage: {('phi', 'theta')[off[first].argmax()]} locks at "
+                f"{np.degrees(tilts[first]):.3g} deg; rig.limits.angle_deg = "
+                f"{np.degrees(tilt):.3g} needs {ANGLE_SPARE_FACTOR:g} times that"
+            )
         return ""
 
 

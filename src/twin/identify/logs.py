@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
-from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
@@ -456,11 +455,11 @@ class AnyLog:
                 sent = own.tilt[np.maximum(np.searchsorted(own.time, time - later, "right") - 1, 0)]
                 corner = scenario.plant.servo.bandwidth_hz
                 stay = math.exp(-2 * math.pi * corner * period) if corner else 0.0
-                behind = lfilter([1 - stay], [1, -stay], sent, zi=[stay * sent[0]])[0]
+                behind = scipy.signal.lfilter([1 - stay], [1, -stay], sent, zi=[stay * sent[0]])[0]
                 plate[:, k] = (1 + scenario.rig.cam_error_percent[k] / 100) * behind
                 # a drive with rate commands takes the time between two commands for the way between
                 count = max(1, round(float(np.median(np.diff(own.time))) / period))
-                asked = lfilter(np.full(count, 1 / count), [1.0], sent - sent[0])
+                asked = scipy.signal.lfilter(np.full(count, 1 / count), [1.0], sent - sent[0])
             else:
                 asked = plate[:, k] = np.interp(time - later, own.time, own.tilt)
             rate[:, k] = np.diff(asked, append=asked[-1:]) / period
@@ -993,7 +992,7 @@ def _speed(time: Array, place: Array) -> Array:
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1], step)
     count = min(2 * round(SPEED_WINDOW_S / step / 2) + 3, (len(even) - 1) // 2 * 2 + 1)
-    speed = savgol_filter(np.interp(even, time, place), count, 2, deriv=1, delta=step)
+    speed = scipy.signal.savgol_filter(np.interp(even, time, place), count, 2, deriv=1, delta=step)
     return np.stack((even, np.where(np.abs(speed) > REST_SPEED_M_S, np.abs(speed), 0.0)))
 
 
@@ -1019,7 +1018,7 @@ def _find_false_samples(ball: Array, seen: Mask) -> Mask:
             false[at[first + (before <= jump) : stop + 1]] = True
     at = np.flatnonzero(seen & ~false)
     here = ball[at]
-    off = np.abs(here - median_filter(here, size=(9, 1), mode="nearest")).max(axis=1)
+    off = np.abs(here - scipy.ndimage.median_filter(here, size=(9, 1), mode="nearest")).max(axis=1)
     false[at[off > np.maximum(jump, 3 * np.percentile(off, 90))]] = True
     return false
 

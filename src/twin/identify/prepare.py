@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.signal import savgol_filter
+import scipy
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
@@ -49,7 +48,7 @@ def speed(time: Array, ball: Array) -> Array:
     """Speed of the ball by a local parabola through equally spaced samples, m/s, shape (K,)."""
     period = float(time[1] - time[0])
     samples = max(5, round(SPEED_SPAN / period) | 1)
-    velocity = savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
+    velocity = scipy.signal.savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
     return np.hypot(velocity[:, 0], velocity[:, 1])
 
 
@@ -101,7 +100,9 @@ def find_ball_samples(log: Log, period: float) -> tuple[Mask, Array, list[str]]:
     fresh = usable & _new_position(log.age, log.ball, period)
     sigma = _noise(log.ball[fresh], log.axes)
     spikes = np.zeros_like(fresh)
-    off = log.ball[fresh] - median_filter(log.ball[fresh], size=(9, 1), mode="nearest")
+    off = log.ball[fresh] - scipy.ndimage.median_filter(
+        log.ball[fresh], size=(9, 1), mode="nearest"
+    )
     spikes[fresh] = (np.abs(off) > np.maximum(8 * sigma, 0.003)).any(axis=-1)
     if spikes.any():
         notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")

@@ -23,9 +23,9 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import pandas as pd
+import scipy
 from pyarrow.parquet import ParquetFile
 from pydantic import Field
-from scipy import stats
 
 from controllers import catalog
 from controllers.arrays import Array
@@ -367,7 +367,7 @@ class Benchmark:
             errors = np.sort(table.to_numpy().ravel())
             worst = errors[-max(1, int(scoring.worst_share * len(errors))) :]
             good = its["outcome"].eq("finished").groupby(its["rig"]).all()
-            test = stats.binomtest(int(good.sum()), len(good))
+            test = scipy.stats.binomtest(int(good.sum()), len(good))
             share = test.proportion_ci(scoring.confidence, method="wilson")
             found.append(
                 BenchScore(
@@ -616,7 +616,7 @@ def _carry_out_entry(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row
 
 def interquartile(errors: Array, scoring: Scoring = SCORING, axis: int | None = None) -> Any:
     """The mean without the lowest and the highest quarter."""
-    return stats.trim_mean(errors, scoring.trimmed_share, axis=axis)
+    return scipy.stats.trim_mean(errors, scoring.trimmed_share, axis=axis)
 
 
 def interval(

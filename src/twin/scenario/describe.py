@@ -6,16 +6,21 @@ of the dataclasses and models with the fields that the keys set; nothing is writ
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from itertools import chain
+from types import ModuleType
 from typing import Any, get_args, get_origin
 
-from docstring_parser import Docstring, parse_from_object
+from docstring_parser import Docstring, DocstringParam, parse, parse_from_object
+from docstring_parser.attrdoc import AttributeDocstrings
 from pydantic import BaseModel
 
 from twin.base.errors import ScenarioError, shorten
@@ -240,7 +245,29 @@ def _properties(model: type[BaseModel]) -> dict[str, Any]:
 @cache
 def _docstring(cls: type) -> Docstring:
     """The docstring of a class and those below its attributes, parsed once."""
-    return parse_from_object(cls)
+    node = _class_nodes(sys.modules[cls.__module__]).get(cls.__qualname__)
+    if node is None:
+        return parse_from_object(cls)
+    reader = AttributeDocstrings()
+    reader.attr_docs, reader.prev_attr = {}, None
+    reader.visit(node)  # type: ignore[no-untyped-call]
+    found = parse(cls.__doc__ or "")
+    known = {item.arg_name for item in found.params}
+    for name, (text, of_type, default) in reader.attr_docs.items():
+        if name not in known:
+            parts = ["attribute", name], text, name, of_type, default is not None, default
+            found.meta.append(DocstringParam(*parts))
+    return found
+
+
+@cache
+def _class_nodes(module: ModuleType) -> dict[str, ast.ClassDef]:
+    """The classes of a module in its source, parsed once; ``inspect`` parses it for each class."""
+    try:
+        source = inspect.getsource(module)
+    except (OSError, TypeError):  # typed at a prompt or in a notebook
+        return {}
+    return {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
 
 
 @cache

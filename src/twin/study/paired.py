@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from controllers.arrays import Array
 from twin.study.schema import Method
@@ -47,7 +47,7 @@ def student_half_width(estimates: Array) -> Array:
         estimates: Shape (R, ...), R at least 2.
     """
     count = len(estimates)
-    factor = stats.t.ppf(0.975, count - 1) / np.sqrt(count)
+    factor = scipy.stats.t.ppf(0.975, count - 1) / np.sqrt(count)
     return np.asarray(factor * estimates.std(axis=0, ddof=1))
 
 

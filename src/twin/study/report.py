@@ -14,11 +14,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
+import scipy
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import stats
 
 from controllers.arrays import Array, Mask
 from twin.base import page
@@ -183,7 +183,7 @@ def wilson(failing: Array | Mask) -> tuple[float, float]:
         failing: Of each draw whether it failed, or the share of its runs that did, shape (P,).
     """
     count = max(len(failing), 1)
-    share, z = failing.sum() / count, stats.norm.ppf(0.975)
+    share, z = failing.sum() / count, scipy.stats.norm.ppf(0.975)
     middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
     reach = z * np.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2) / (1 + z**2 / count)
     return max(0.0, float(middle - reach)), min(1.0, float(middle + reach))
@@ -247,7 +247,7 @@ def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
         if good.sum() < 5 or not numeric:
             continue
         settings = column.astype(float)
-        rank = float(stats.spearmanr(settings[good], mean[good]).statistic)
+        rank = float(scipy.stats.spearmanr(settings[good], mean[good]).statistic)
         # Fisher's transformation, with the variance of a rank correlation (Fieller et al. 1957)
         reach = np.arctanh(np.clip(rank, -0.9999, 0.9999))
         width = 1.96 * np.sqrt(1.06 / (good.sum() - 3))
@@ -279,7 +279,7 @@ def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> C
     known = np.isfinite(means)
     slope = None
     if all(isinstance(value, int | float) for value in steps) and known.sum() >= 3:
-        line: Any = stats.linregress(np.array(steps, float)[known], np.array(means)[known])
+        line: Any = scipy.stats.linregress(np.array(steps, float)[known], np.array(means)[known])
         slope = float(line.slope)
     return Curve(key, where, tuple(steps), tuple(spreads), slope)
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy import stats
 
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError, nearest
@@ -83,7 +83,7 @@ class Parameter(Checked):
         low, high = self.ends
         if self.normal is not None:
             mean, deviation = self.normal[:2]
-            cut = stats.truncnorm((low - mean) / deviation, (high - mean) / deviation)
+            cut = scipy.stats.truncnorm((low - mean) / deviation, (high - mean) / deviation)
             return np.asarray(mean + deviation * cut.ppf(quantiles))
         if self.loguniform is not None:
             # numpy's power differs in its last bit between processors

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
-from scipy.stats import qmc
 
 import controllers
 from controllers.arrays import Array
@@ -61,12 +61,12 @@ def quantiles(study: Study, times: int = 1) -> Array:
     count, d = study.samples, len(study.parameters)
     rng = np.random.default_rng(DESIGN_SEED if times == 1 else (DESIGN_SEED, times))
     if study.method == "lhs":
-        cubes = [qmc.LatinHypercube(d, rng=rng).random(count) for _ in range(times)]
+        cubes = [scipy.stats.qmc.LatinHypercube(d, rng=rng).random(count) for _ in range(times)]
         return np.concatenate(cubes)
     if study.method != "sobol":
         return np.asarray(rng.uniform(size=(times * count, d)))
     designs, spawned = sobol_designs(study), rng.spawn(times * sobol_designs(study))
-    base = [qmc.Sobol(2 * d, rng=each).random(count // designs) for each in spawned]
+    base = [scipy.stats.qmc.Sobol(2 * d, rng=each).random(count // designs) for each in spawned]
     # a sequence is most even in neighbouring dimensions: they are the two values of a parameter
     pairs = np.concatenate(base).reshape(-1, d, 2)
     blocks = np.repeat(pairs[:, None, :, 0], d + 2, axis=1)

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats.qmc import LatinHypercube
+import scipy
 
 from controllers.analysis import number
 from controllers.arrays import Array, Mask
@@ -59,7 +58,7 @@ def search_from(
     def slopes(at: Array) -> Array:
         return jacobian(table, numbers, round_sample(at, table), runs, SEARCH_STEP)
 
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         off,
         shares(start, table),
         slopes,
@@ -316,7 +315,10 @@ def fit(
     """
     numbers, size = cells(table), len(table.parameters)
     count = (table.population or SAMPLES_PER_PARAMETER * size) * table.restarts
-    drawn = [round_sample(each, table) for each in LatinHypercube(size, rng=1).random(count)]
+    drawn = [
+        round_sample(each, table)
+        for each in scipy.stats.qmc.LatinHypercube(size, rng=1).random(count)
+    ]
     found = misfits(numbers, drawn, runs)
     groups = np.array([cell.group for cell in numbers])
     folds = {

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from controllers.arrays import Array
 from twin.base.parts import extra
@@ -328,7 +328,7 @@ def upper_bound(failures: int, rigs: int, confidence: float = BOUND_CONFIDENCE) 
         rigs: Of how many that were drawn independently.
         confidence: Between 0 and 1.
     """
-    less = stats.binomtest(failures, rigs, alternative="less")
+    less = scipy.stats.binomtest(failures, rigs, alternative="less")
     return float(less.proportion_ci(confidence, method="exact").high)
 
 

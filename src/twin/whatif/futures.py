@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from controllers.arrays import Array
 from controllers.controller import Controller
@@ -424,7 +424,9 @@ def _synchronise(
     begin = at - ticks * period
     rig.devices.begin_at(begin)
     times = begin + period * np.arange(ticks + 1)
-    smooth = savgol_filter(log.plate, min(about.smoothed_rows, len(log.plate)), 1, axis=0)
+    smooth = scipy.signal.savgol_filter(
+        log.plate, min(about.smoothed_rows, len(log.plate)), 1, axis=0
+    )
     angle = interpolate(times, log.time, smooth)
     rate = log.commanded(times)
     catch_up = min(about.catch_up_s, max(about.duration_s / 2, period))
