@@ -24,10 +24,26 @@ RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug")
 """Lines about the whole virtual rig."""
 RIG_NODES = (1, 2)
 """Nodes of its drives."""
-FAULTS: Mapping[str, str] = read_packaged("twin.emulator", "faults.toml")
+_TABLE: Mapping[str, Mapping[str, str]] = read_packaged("twin.emulator", "faults.toml")
+FAULTS: Mapping[str, str] = {name: about["line"] for name, about in _TABLE.items()}
 """Lines of `VirtualRig.control` by the names of the faults that they do."""
+MATRIX_ROWS: Mapping[str, str] = {
+    name: about["row"] for name, about in _TABLE.items() if "row" in about
+}
+"""Row of the fault matrix with the same fault, by name; not every one has a row."""
+_NAMES = {
+    text.casefold(): name
+    for name, about in _TABLE.items()
+    for text in (name, about.get("formerly", name))
+}
+"""Present names by all that are read, in small letters."""
 LOOK_INTERVAL_S = 0.001
 """Time in s between two looks at the run's clock."""
+
+
+def fault_name(text: str) -> str | None:
+    """The fault that a text names, in any letters or by its former name; None if it names none."""
+    return _NAMES.get(" ".join(text.split()).casefold())
 
 
 class PlannedFault(NamedTuple):
@@ -59,7 +75,8 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
     found = []
     for text in texts:
         at, _, named = text.strip().partition(" ")
-        line = FAULTS.get(named.strip(), named)
+        named = fault_name(named) or named
+        line = FAULTS.get(named, named)
         try:
             time = float(at)
         except ValueError:
