@@ -20,6 +20,8 @@ from twin.hal.supervisor import Note, State
 
 INJECTED = Condition("fault injected", Severity.WARNING, 0.0, "noted", "run without it")
 """How an injected fault stands among the events of a run."""
+NOTED = "virtual rig: "
+"""How the text of such an event begins."""
 RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug")
 """Lines about the whole virtual rig."""
 RIG_NODES = (1, 2)
@@ -64,7 +66,7 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
     """The faults that texts ``SECONDS LINE`` describe, in the order of their times.
 
     Args:
-        texts: As ``3.0 unplug``, ``2 drop 0x080 0.1``, or by a name of ``FAULTS``, ``2 sync lost``.
+        texts: As ``3.0 unplug``, ``2 drop 0x080 0.1``, or by a name of ``FAULTS``, ``2 SYNC lost``.
         duration: Of the run, s.
         option: What the argument is called in messages.
 
@@ -144,7 +146,7 @@ def inject(
             if rig.supervisor.state[0] == State.RUNNING and time >= waiting[0].time:
                 fault = waiting.pop(0)
                 text = f"{fault.name}: {obey(fault.line)}"
-                rig.journal.append(Entry(time, Note(0, INJECTED, f"virtual rig: {text}")))
+                rig.journal.append(Entry(time, Note(0, INJECTED, f"{NOTED}{text}")))
 
     thread = threading.Thread(target=work, name="faults", daemon=True)
     if faults:
