@@ -314,7 +314,8 @@ def one_run(
 
 
 UNSTABLE_ADVICE = (
-    "; these gains do not hold the ball: `ballplate tune {} --on RIG` searches gains that do"
+    "; these gains do not hold the ball: `ballplate tune {} --on RIG` searches others, and "
+    "`ballplate run cure --on RIG` has a law that knows how late the plate is"
 )
 LATER_WARNING = (
     "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say",

@@ -31,6 +31,17 @@ def test_gymnasiums_own_checker_has_nothing_to_say(name):
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:Your action space has dtype float64")
+@pytest.mark.parametrize("name", ballplate.gym.ENVIRONMENTS)
+def test_the_checker_of_stable_baselines_finds_no_error_where_that_is_installed(name):
+    """It recommends numbers of 32 bits for actions; these have 64, as the rig's commands."""
+    checker = pytest.importorskip(
+        "stable_baselines3.common.env_checker", reason="pip install stable-baselines3"
+    )
+    checker.check_env(gymnasium.make(f"ballplate.gym:{name}").unwrapped)
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
 def test_a_vector_does_what_gymnasiums_own_does_with_as_many_single_environments(mode):
     about = {"settings": EXACT, "family": "placed", "hold": 20, "preview": (0.3,)}

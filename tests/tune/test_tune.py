@@ -210,7 +210,7 @@ def test_a_tune_named_like_a_law_tunes_that_law():
 
 
 def test_the_tune_of_the_pid_begins_with_gains_that_hold_a_late_rig(folder):
-    """Its shipped gains do not: servos of 70 ms, a picture of 40 ms."""
+    """Its shipped gains do not: servos of 70 ms, a picture of 40 ms. About the level plate."""
     late = ["plant.servo.bandwidth_hz=2.27", "sensors.touch.dead_time=0.04", "rig.plate_lag=0.07"]
     trials = Trials(read("pid", set=["parameters=hobby", *late]), Store(folder / "late"))
     limits, shipped = trials.tune.limits, dataclasses.asdict(Pid())
