@@ -441,6 +441,11 @@ def _plain(name: str) -> str:
     return re.sub(r"\W", "_", name)
 
 
+def ros_field(name: str) -> str:
+    """Name of a column in a message of ROS."""
+    return _plain(name).lower()
+
+
 def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -462,7 +467,7 @@ def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
         from mcap_ros2.writer import Writer  # noqa: PLC0415  of an extra
     except ImportError as error:
         raise RecordError("needs the extra mcap: pip install 'ballplate[mcap]'") from error
-    fields = {_plain(name).lower(): name for name in columns}
+    fields = {ros_field(name): name for name in columns}
     own = "".join(f"float64 {field}  # {units.get(name) or 1}\n" for field, name in fields.items())
     parts = "".join(
         f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2_TABLES["parts"].items()

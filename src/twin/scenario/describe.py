@@ -116,7 +116,7 @@ def find_keys(name: str = "") -> list[Key]:
         found = found or [key for key in every if name in key.key.split(".")]
         found = found or [key for key in every if len(name) > 2 and word.search(key.meaning)]
     if not (found or called):
-        names = {key.key for key in every} | {key.key.rpartition(".")[2] for key in every}
+        names = {key.key for key in every} | {part for key in every for part in key.key.split(".")}
         names |= kinds.keys() | {kind.partition(".")[2] for kind in kinds}
         close = get_close_matches(name, sorted(names), n=1, cutoff=0.5)
         hint = f"; did you mean '{close[0]}'?" if close else ""
