@@ -53,9 +53,8 @@ class Result(Run):
         """The result of a run that was just made or opened, under a name of its own if given."""
         found = cls.__new__(cls)
         name = name or run.name
-        about = {"label": label or name, "baseline": None, "beside": {}}
-        metrics = Indicators(run.metrics)
-        vars(found).update(vars(run), name=name, metrics=metrics, **about)
+        vars(found).update(vars(run), name=name, metrics=Indicators(run.metrics))
+        vars(found).update(label=label or name, baseline=None, beside={})
         return found
 
     @property

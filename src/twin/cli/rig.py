@@ -341,8 +341,8 @@ def safety(
             for each in (CASES[index] for index in cases)
         ]
         heads = ("fault", "condition reported", "run --fault 'SECONDS ...'")
-        shown = [(each["name"], each["condition"] or "none", each["fault"]) for each in listed]
-        show(listed, (Table("", heads, shown, words=(0, 1, 2)),))
+        shown_rows = [(each["name"], each["condition"] or "none", each["fault"]) for each in listed]
+        show(listed, (Table("", heads, shown_rows, words=(0, 1, 2)),))
         return 0
     with progress("fault matrix", len(cases)) as advance:
         rows = run_all(processes or cores(), advance, cases)
