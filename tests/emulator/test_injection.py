@@ -17,6 +17,7 @@ from twin.emulator.injection import (
     plan_faults,
 )
 from twin.hal.supervisor import State
+from twin.scenario import load
 
 
 def test_faults_come_in_the_order_of_their_times():
@@ -138,3 +139,12 @@ def test_without_faults_there_is_no_thread():
     with inject([], lambda _: "", rig):
         rig.start()
     assert rig.journal == []
+
+
+def test_the_scenario_of_the_page_is_whole_and_has_its_fault(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "connect.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```toml\n(.*?\[\[fault\]\].*?)```", page, re.DOTALL)
+    (tmp_path / "faulty.toml").write_text(shown, encoding="utf-8")
+    (fault,) = load(str(tmp_path / "faulty.toml")).fault
+    assert (fault.at, fault.name) == (3.0, "SYNC lost")
+    assert fault_name(fault.name) in FAULTS
