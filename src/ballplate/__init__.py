@@ -26,7 +26,11 @@ Examples:
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ballplate import own as own
@@ -98,8 +102,34 @@ _LAZY_NAMES = {
 }
 """Modules that not every program needs, and what is in them."""
 
-if "gymnasium" in sys.modules:  # as within gym.make("ballplate:..."); see ballplate.gym
+
+class _EnvironmentsWithGymnasium(MetaPathFinder):
+    """Registers the environments as soon as gymnasium is loaded, which reads no entry points."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if name != "gymnasium":
+            return None
+        others = sys.meta_path[sys.meta_path.index(self) + 1 :]
+        found = (each.find_spec(name, path, target) for each in others)
+        spec = next((each for each in found if each is not None), None)
+        if spec is None or spec.loader is None:
+            return None
+        load = spec.loader.exec_module
+
+        def load_and_register(module: ModuleType) -> None:
+            load(module)
+            import_module("ballplate.gym")
+
+        spec.loader.exec_module = load_and_register  # type: ignore[method-assign]
+        return spec
+
+
+if "gymnasium" in sys.modules:
     import_module("ballplate.gym")
+else:
+    sys.meta_path.insert(0, _EnvironmentsWithGymnasium())
 
 
 def __getattr__(name: str) -> Any:

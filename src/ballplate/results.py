@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.writing import write_whole
-from twin.run.files import FILM_SUFFIXES, Signals, free
+from twin.run.files import FILM_SUFFIXES, Indicators, Signals, free
 from twin.run.finished import Run, draw, of_other_class, save_record
 
 if TYPE_CHECKING:
@@ -53,7 +53,8 @@ class Result(Run):
         """The result of a run that was just made or opened, under a name of its own if given."""
         found = cls.__new__(cls)
         name = name or run.name
-        vars(found).update(vars(run), name=name, label=label or name, baseline=None, beside={})
+        vars(found).update(vars(run), name=name, metrics=Indicators(run.metrics))
+        vars(found).update(label=label or name, baseline=None, beside={})
         return found
 
     @property

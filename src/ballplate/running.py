@@ -20,7 +20,7 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.rehearsing import rehearse
 from ballplate.reporter import Reporter, default, writable
 from twin.base.errors import LawError, RigError, ScenarioError, TwinError
-from twin.base.shipped import find
+from twin.base.shipped import find, shipped_in
 from twin.base.writing import written_alone
 from twin.run.files import STREAM_FILE, free
 
@@ -313,6 +313,10 @@ def one_run(
         return finished.run(scenario, advance, attach, rig)
 
 
+UNSTABLE_ADVICE = (
+    "; these gains do not hold the ball: `ballplate tune {} --on RIG` searches others, and "
+    "`ballplate run cure --on RIG` has a law that knows how late the plate is"
+)
 LATER_WARNING = (
     "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say",
     30,
@@ -336,7 +340,10 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     with own_errors():
         controller = build_controller(scenario)
     (late, lag), knows = scenario.lateness, scenario.predictor
-    dangers = [instability(controller.law, controller.observer, dead_time=late, lag=lag)]
+    unstable = instability(controller.law, controller.observer, dead_time=late, lag=lag)
+    if unstable and (law := scenario.controller.kind) in shipped_in("tunes"):
+        unstable += UNSTABLE_ADVICE.format(law)
+    dangers = [unstable]
     dangers.append(slow_observer(controller.law, controller.observer))
     dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
     assumed = scenario.rig.plate_lag

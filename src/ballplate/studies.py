@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Unpack
 from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.comparing import carried_out, cases_of
 from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
-from twin.base.errors import LawError, ScenarioError, nearest
+from twin.base.errors import LawError, ScenarioError
 from twin.base.page import Block, Picture, Table, Text, fragment
 from twin.base.parts import left_out
 from twin.base.shipped import find
 from twin.base.writing import write_whole
-from twin.run.files import INDICATOR_UNITS
+from twin.run.files import INDICATOR_UNITS, nearest_indicator
 from twin.run.tables import INDICATOR_LABELS, by_run
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class Sweep:
         """
         known = dict.fromkeys(name for row in self.rows for name in row)
         if metric not in known:
-            raise ScenarioError(f"no indicator '{metric}'{nearest(metric, known)}")
+            raise ScenarioError(f"no indicator '{metric}'{nearest_indicator(metric, known)}")
         return [row.get(metric) for row in self.rows]
 
     @property

@@ -31,6 +31,17 @@ def test_gymnasiums_own_checker_has_nothing_to_say(name):
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:Your action space has dtype float64")
+@pytest.mark.parametrize("name", ballplate.gym.ENVIRONMENTS)
+def test_the_checker_of_stable_baselines_finds_no_error_where_that_is_installed(name):
+    """It recommends numbers of 32 bits for actions; these have 64, as the rig's commands."""
+    checker = pytest.importorskip(
+        "stable_baselines3.common.env_checker", reason="pip install stable-baselines3"
+    )
+    checker.check_env(gymnasium.make(f"ballplate.gym:{name}").unwrapped)
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
 def test_a_vector_does_what_gymnasiums_own_does_with_as_many_single_environments(mode):
     about = {"settings": EXACT, "family": "placed", "hold": 20, "preview": (0.3,)}
@@ -112,27 +123,44 @@ def test_the_goal_is_seen_as_far_ahead_as_is_asked_for():
     )
 
 
-IMPORTS = """
+NOTHING_LOADED = """
 import sys, ballplate
-assert not {"gymnasium", "numpy"} & sys.modules.keys()
+assert not {"gymnasium", "numpy", "ballplate.gym"} & sys.modules.keys()
+from importlib.util import find_spec
+assert find_spec("gymnasium") and "gymnasium" not in sys.modules  # a look that loads nothing
 import gymnasium
 ours = {"ballplate/Track-v0", "ballplate/Hold-v0", "ballplate/Step-v0"}
-assert not ours & gymnasium.registry.keys()
-import ballplate.gym
 assert ours <= gymnasium.registry.keys()
-for name in [name for name in sys.modules if name.partition(".")[0] == "ballplate"]:
-    del sys.modules[name]
-for name in ours:
-    del gymnasium.registry[name]
-import ballplate
-assert ours <= gymnasium.registry.keys()
-assert "mujoco" not in sys.modules
+assert not {"mujoco", "ballplate.gym.environments"} & sys.modules.keys()
 """
+RELOADED = """
+import importlib, ballplate
+importlib.reload(ballplate)
+import gymnasium
+assert "ballplate/Track-v0" in gymnasium.registry
+"""
+SCRIPT = """
+{}
+for name in ("ballplate/Hold-v0", "ballplate:ballplate/Hold-v0", "ballplate.gym:ballplate/Hold-v0"):
+    assert gymnasium.make(name).spec.id == "ballplate/Hold-v0"
+"""
+ORDERS = (
+    "import ballplate, gymnasium",
+    "import gymnasium, ballplate",
+    "import ballplate.gym, gymnasium",
+    "import ballplate\nfrom gymnasium.envs.registration import registry\nimport gymnasium",
+)
 
 
-def test_importing_ballplate_registers_where_gymnasium_is_loaded_and_loads_it_nowhere():
+@pytest.mark.parametrize(
+    "program",
+    [NOTHING_LOADED, RELOADED, *(pytest.param(SCRIPT.format(order), marks=pytest.mark.long)
+     for order in ORDERS)],
+)  # fmt: skip
+def test_the_environments_are_there_in_any_order_of_imports(program):
+    """Importing ballplate loads nothing for that; gymnasium itself reads no entry points."""
     done = subprocess.run(
-        [sys.executable, "-c", IMPORTS], capture_output=True, text=True, check=False
+        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
 

@@ -42,6 +42,7 @@ CALLS = {
     "did you mean 'uncertain'": [env(family="uncertan")],
     "did you mean 'kind'": [env(settings=["plant.kin=lagrange"])],
     "nothing called 'roling_mm'; did you mean": [lambda: bp.describe("roling_mm")],
+    "nothing called 'friktion'; did you mean 'friction'": [lambda: bp.describe("friktion")],
     "describe: give a key": [lambda: bp.describe(None)],
     "must be a table, the name of a kind": [lambda: bp.run("hold", controller=3)],
     "taken by LQR": [

@@ -58,6 +58,9 @@ def test_the_columns_and_units_are_those_of_the_record(done, tmp_path):
     assert np.array_equal(done.error, done.reference - done.ball)
     with pytest.raises(ballplate.TwinError, match="did you mean 'true_x'"):
         done["tru_x"]
+    with pytest.raises(KeyError, match="no indicator 'e_tt'; did you mean 'tracking_error_perc"):
+        done.metrics["e_tt"]
+    assert done.metrics.get("e_tt") is None
     with pytest.raises(ballplate.TwinError, match="no column '0'"):
         done[0]
 

@@ -130,6 +130,8 @@ def test_named_variants_stand_in_the_place_of_their_scenario_in_the_order_typed(
     code, _, err = ballplate("report", "made", "--out", "page.html")
     assert code == 0, err
     assert all(name in Path("page.html").read_text() for name in ("X", "my PID", "AFL", "hold"))
+    assert ballplate("report", "made/hold", "--out", "one.png")[0] == 0
+    assert {each.name for each in tmp_path.glob("one*")} == {"one.png", "one-details.png"}
 
 
 def test_a_comparison_forgets_its_own_runs_and_never_those_it_links_to(ballplate, tmp_path):

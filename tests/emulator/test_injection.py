@@ -8,8 +8,16 @@ from types import SimpleNamespace
 import pytest
 
 from twin.base.errors import ScenarioError
-from twin.emulator.injection import FAULTS, INJECTED, inject, plan_faults
+from twin.emulator.injection import (
+    FAULTS,
+    INJECTED,
+    MATRIX_ROWS,
+    fault_name,
+    inject,
+    plan_faults,
+)
 from twin.hal.supervisor import State
+from twin.scenario import load
 
 
 def test_faults_come_in_the_order_of_their_times():
@@ -29,9 +37,27 @@ def test_every_name_stands_for_a_line_that_the_virtual_rig_obeys(name):
 
 def test_the_page_has_every_name_and_no_other():
     page = (Path(__file__).parents[2] / "docs" / "connect.md").read_text(encoding="utf-8")
-    named = page.split("The names are")[1].split("A scenario with faults")[0].replace("\n", " ")
-    told = set(re.findall(r"`([^`]+)`", named)) - {"phi", "theta"}
-    assert told | {each.replace("phi", "theta") for each in told} == set(FAULTS)
+    rows = re.findall(r"^\| `([^`]+)` \| `([^`]+)` \| (.*?) \|$", page, re.MULTILINE)
+    shown = {name: line for name, line, _ in rows if name in FAULTS}
+    assert shown.items() <= FAULTS.items()
+    assert shown.keys() | {name.replace("phi", "theta") for name in shown} == FAULTS.keys()
+    assert {name: row for name, _, row in rows if row != "-" and name in shown} == MATRIX_ROWS
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("sync lost", "SYNC lost"),
+        ("measurements of phi lost", "PDOs of drive phi lost"),
+        ("drive of theta reboots", "drive theta rebooted"),
+        ("Ball  Lifted", "ball lifted"),
+        ("unplug", None),
+    ],
+)
+def test_former_names_and_other_letters_name_the_same_fault(text, name):
+    assert fault_name(text) == name
+    (planned,) = plan_faults([f"1 {text}"], 5.0, "--fault")
+    assert planned.name == (name or text)
 
 
 def test_faults_of_drives_are_those_of_the_named_axis():
@@ -51,7 +77,7 @@ def test_faults_of_drives_are_those_of_the_named_axis():
         ("nan unplug", "with 0 to 5 seconds"),
         ("1 unplg", "no fault 'unplg'; did you mean 'unplug'?"),
         ("1", "no fault ''"),
-        ("1 sync lots", "no fault 'sync lots'; did you mean 'sync lost'?"),
+        ("1 SYNC lots", "no fault 'SYNC lots'; did you mean 'SYNC lost'?"),
         ("1 touch 1", "how: touch X Y, in mm"),
         ("1 touch nan 0", "'nan': must be a number, -1000 to 1000"),
         ("1 drop", "how: drop ID|all SECONDS"),
@@ -113,3 +139,12 @@ def test_without_faults_there_is_no_thread():
     with inject([], lambda _: "", rig):
         rig.start()
     assert rig.journal == []
+
+
+def test_the_scenario_of_the_page_is_whole_and_has_its_fault(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "connect.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```toml\n(.*?\[\[fault\]\].*?)```", page, re.DOTALL)
+    (tmp_path / "faulty.toml").write_text(shown, encoding="utf-8")
+    (fault,) = load(str(tmp_path / "faulty.toml")).fault
+    assert (fault.at, fault.name) == (3.0, "SYNC lost")
+    assert fault_name(fault.name) in FAULTS

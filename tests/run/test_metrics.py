@@ -5,7 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.run.files import BOARD_INDICATORS, INDICATOR_UNITS
+from twin.run.files import (
+    BOARD_INDICATORS,
+    INDICATOR_UNITS,
+    MOTION_INDICATORS,
+    nearest_indicator,
+)
 from twin.run.metrics import Ending, Motion, Outcome, find_rest, measure, tracking_error
 
 DONE = Outcome(Ending.FINISHED, 10.0)
@@ -179,3 +184,19 @@ def test_the_largest_steady_error_is_not_that_of_a_transient():
     moved = motion(np.linspace([0.2, 0.1], 0, 101), np.zeros((101, 2)))
     assert measure(moved, DONE)["max_steady_error"] is None
     assert measure(moved, DONE, start=5.0)["max_steady_error"] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("e_tt", "tracking_error_percent"),
+        ("effort", "u_rms"),
+        ("setling_time", "settling_time"),
+        ("rms", "u_rms"),  # a word of three labels: the nearest name
+        ("xyz", None),
+    ],
+)
+def test_an_indicator_is_found_by_the_word_that_tables_print(name, meant):
+    said = nearest_indicator(name)
+    assert said.endswith(f"(known: {', '.join(MOTION_INDICATORS)})")
+    assert said.partition(" (")[0] == ("" if meant is None else f"; did you mean '{meant}'?")

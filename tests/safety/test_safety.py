@@ -22,6 +22,7 @@ from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError
 from twin.cli.rig import safety
 from twin.devices.own import OWN_CONDITIONS
+from twin.emulator.injection import MATRIX_ROWS
 from twin.hal.interface import Condition, Severity
 from twin.safety.faults import CASES, OF_DRIVES, OF_RIG, ROW_FUNCTIONS, choose_cases
 from twin.safety.trial import run_case
@@ -198,6 +199,13 @@ def test_cases_are_chosen_by_words_of_their_names_and_conditions():
             choose_cases([words])
 
 
+def test_a_fault_of_a_run_is_chosen_by_its_name_and_no_other_with_it():
+    for name, row in MATRIX_ROWS.items():
+        assert [CASES[index].name for index in choose_cases([name])] == [row]
+    (former,) = choose_cases(["Drive fault of phi"])
+    assert CASES[former].name == "Drive phi has a fault"
+
+
 def test_chosen_faults_are_listed_or_injected_and_written_as_a_sheet(tmp_path):
     chosen = ("--only", "encoder of phi counts the wrong way")
     listed = CliRunner().invoke(safety, [*chosen, "--list", "--json"])
@@ -205,6 +213,7 @@ def test_chosen_faults_are_listed_or_injected_and_written_as_a_sheet(tmp_path):
         {
             "name": "The plate encoder of phi counts the wrong way",
             "condition": "plate turns against its motor",
+            "fault": "",
         }
     ]
     sheet = tmp_path / "fmea.csv"

@@ -1,5 +1,6 @@
 """`twin.tune.report`: Tunes of real runs: small ones, on the exact equations."""
 
+import dataclasses
 import json
 import math
 import tomllib
@@ -9,10 +10,12 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
+from controllers.classical import Pid
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import shipped_in
 from twin.cli.studies import tune as command
 from twin.scenario import load
+from twin.scenario.schema import choices
 from twin.study.experiments import Store
 from twin.study.schema import draw_rigs, read_family
 from twin.tune.report import settings, toml
@@ -196,6 +199,29 @@ def test_every_shipped_tune_can_be_carried_out(folder):
         if name != "cure":  # dearer a run, and not among those that docs/tuned.md compares
             equal.append("candidates")
         assert all(getattr(about, key) == getattr(first, key) for key in equal), "equal terms"
+
+
+def test_a_tune_named_like_a_law_tunes_that_law():
+    """A warning of an unstable loop names the tune by the law."""
+    named = set(shipped_in("tunes")) & set(choices("controller"))
+    assert {"afl", "lqr", "pid"} <= named
+    for name in named:
+        assert f"controller.kind={name}" in read(name).set
+
+
+def test_the_tune_of_the_pid_begins_with_gains_that_hold_a_late_rig(folder):
+    """Its shipped gains do not: servos of 70 ms, a picture of 40 ms. About the level plate."""
+    late = ["plant.servo.bandwidth_hz=2.27", "sensors.touch.dead_time=0.04", "rig.plate_lag=0.07"]
+    trials = Trials(read("pid", set=["parameters=hobby", *late]), Store(folder / "late"))
+    limits, shipped = trials.tune.limits, dataclasses.asdict(Pid())
+    keys = {key: key.split(".")[1:] for key in trials.start}
+    as_shipped = {
+        key: shipped[name[0]][int(name[1])] if len(name) > 1 else shipped[name[0]]
+        for key, name in keys.items()
+    }
+    begins, before = trials.loops([trials.start, as_shipped])
+    assert (begins.disk > limits.disk, begins.delay > limits.delay) == (True, True)
+    assert before.disk == 0
 
 
 def test_a_tune_like_another_has_its_keys_where_it_has_none():

@@ -357,6 +357,19 @@ def test_a_run_of_another_version_is_gone_on_with_from_its_estimated_state(run, 
     assert "(here 99)" in moment.notes[-1]
 
 
+def test_faults_that_the_virtual_rig_had_are_said_to_be_left_out(run, monkeypatch):
+    (opened,) = open_run(run)
+    text = "virtual rig: SYNC late: frames 080h: delay 0.005 0.1 s"
+    events = ({"time": 0.25, "severity": "warning", "text": text},)
+    rows = {name: each for name, each in opened.rows.items() if name != "true_x"}  # as of a rig
+    faulty = replace(opened, events=events, rows=rows)
+    monkeypatch.setattr("twin.whatif.futures.open_run", lambda _: [faulty])
+    assert moment_of(run, AT).notes == (
+        "its faults are left out of what the twin simulates: SYNC late: frames 080h: delay 0.005 "
+        "0.1 s, at 0.25 s",
+    )
+
+
 def test_settings_hold_for_every_branch():
     assert branches_of(["a=1"], []) == [("a=1",)]
     assert branches_of(["a=1"], ["b=2; c=[1, 2]", ""]) == [("a=1", "b=2", "c=[1, 2]"), ("a=1",)]

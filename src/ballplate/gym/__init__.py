@@ -1,13 +1,15 @@
 """The rigs as environments of Gymnasium: ``ballplate/Track-v0``, ``Hold-v0``, ``Step-v0``.
 
+    import ballplate
     import gymnasium as gym
 
-    env = gym.make("ballplate.gym:ballplate/Track-v0")
-    envs = gym.make_vec("ballplate.gym:ballplate/Track-v0", num_envs=256, family="uncertain")
+    env = gym.make("ballplate/Track-v0")
+    envs = gym.make_vec("ballplate/Track-v0", num_envs=256, family="uncertain")
 
-Importing this module registers them; gymnasium 1.4 imports what stands before the colon, and reads
-no entry points. ``import ballplate`` registers them only where gymnasium is loaded already, so that
-a program without gymnasium does not wait for it.
+Importing this module registers them. ``import ballplate`` does so as soon as gymnasium is loaded,
+which itself loads no other package and reads no entry points: the two imports have no order. In a
+program without ``import ballplate``, gymnasium imports what stands before a colon, as in
+``gym.make("ballplate:ballplate/Track-v0")``.
 
 An environment is a rig of ``ballplate run``: same plant, sensors, limits and noise, so that the
 same commands give the same ball path, to the last bit. ``ballplate.gym.environments`` has

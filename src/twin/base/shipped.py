@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
+from difflib import get_close_matches
 from functools import cache
 from os.path import isdir, isfile  # False, no error, of a name that no file can have
 from pathlib import Path
@@ -97,9 +99,23 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
     """The nearest name, the short ones, and the command that lists all."""
     if isdir(name):  # noqa: PTH112
         return f"; that is a folder, a {what} is a TOML file"
+    if near := nearest_neighbour(Path(name)):
+        return near
     every = f"; `ballplate {LISTING_COMMANDS[what]}` lists all" if what in LISTING_COMMANDS else ""
     meant = nearest(name, known).partition(" (known")[0]
     return f"{meant} (known: {', '.join(each for each in known if '/' not in each)}{every})"
+
+
+def nearest_neighbour(path: Path) -> str:
+    """A hint at what lies in the folder of a path and has the nearest name; empty without any."""
+    if len(path.parts) < 2 or not isdir(path.parent):  # noqa: PTH112
+        return ""
+    there: list[str] = []
+    with suppress(OSError):
+        there = sorted(each.name for each in path.parent.iterdir() if each.name[0] != ".")
+    longer = [each for each in there if each.startswith(path.name)]
+    near = longer or get_close_matches(path.name, there, n=1, cutoff=0.5)
+    return f"; did you mean '{path.parent / near[0]}'?" if near else ""
 
 
 LISTING_COMMANDS = {"scenario": "list", "study": "study"}

@@ -319,6 +319,7 @@ def safety(
     words: tuple[str, ...], out: Path | None, processes: int | None, *, only_list: bool
 ) -> int:
     """Inject faults into a rig on emulated devices, and evaluate detection and reaction."""
+    from twin.emulator.injection import MATRIX_ROWS
     from twin.safety.faults import CASES, choose_cases
     from twin.safety.trial import failure_sheet, run_all
 
@@ -330,12 +331,18 @@ def safety(
     if out is not None:
         check_writable(out.parent)
     if only_list:
+        named = {row: name for name, row in MATRIX_ROWS.items()}
         listed = [
-            {"name": each.name, "condition": each.expected.name if each.expected else ""}
+            {
+                "name": each.name,
+                "condition": each.expected.name if each.expected else "",
+                "fault": named.get(each.name, ""),
+            }
             for each in (CASES[index] for index in cases)
         ]
-        rows_shown = [(each["name"], each["condition"] or "none") for each in listed]
-        show(listed, (Table("", ("fault", "condition reported"), rows_shown, words=(0, 1)),))
+        heads = ("fault", "condition reported", "run --fault 'SECONDS ...'")
+        shown_rows = [(each["name"], each["condition"] or "none", each["fault"]) for each in listed]
+        show(listed, (Table("", heads, shown_rows, words=(0, 1, 2)),))
         return 0
     with progress("fault matrix", len(cases)) as advance:
         rows = run_all(processes or cores(), advance, cases)

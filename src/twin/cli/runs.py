@@ -472,8 +472,10 @@ def _show(recording: Path, serve: int | None) -> int:
 REPORT_FORMATS = ("html", "png", "pdf", "svg")
 
 
-def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
-    """The formats in a list with commas between."""
+def _formats(_: click.Context, __: click.Parameter, listed: str | None) -> list[str] | None:
+    """The formats in a list with commas between; None where there is no list."""
+    if listed is None:
+        return None
     names = [name.strip() for name in listed.split(",")]
     if wrong := [name for name in names if name not in REPORT_FORMATS]:
         raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(REPORT_FORMATS)})")
@@ -494,9 +496,15 @@ def _report_folder(asked: tuple[Path, ...], opened: Sequence[Run]) -> Path:
 
 @options.command(example="report runs/circle --format html,png", reads=True)
 @click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
-@click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,svg")
-@click.option("--out", type=options.PATH_TYPE, help="File without ending [RUN/report].")
-def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
+@click.option(
+    "--format",
+    "formats",
+    callback=_formats,
+    metavar="html,png,pdf,svg",
+    help="What to write [by the ending of --out, else html].",
+)
+@click.option("--out", type=options.PATH_TYPE, help="File, its ending optional [RUN/report].")
+def report(runs: tuple[Path, ...], formats: list[str] | None, out: Path | None) -> int:
     """Report on one run folder, or compare several: a page, pictures.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
@@ -511,11 +519,11 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
         if each.folder is not None and (each.folder / SEAL_FILE).exists():
             each.incomplete = (*each.incomplete, *find_altered_parts(each.folder / TRACE_FILE))
     stem = out or _report_folder(runs, opened) / "report"
-    if stem.suffix.removeprefix(".") in REPORT_FORMATS:
-        stem = stem.with_suffix("")
+    if (ending := stem.suffix.removeprefix(".")) in REPORT_FORMATS:
+        stem, formats = stem.with_suffix(""), formats or [ending]
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
-    for name in formats:
+    for name in formats or ["html"]:
         figures = {"": overview, "-details": details} if name != "html" else {"": html}
         for more, make in figures.items():
             path, made = stem.with_name(f"{stem.name}{more}.{name}"), make(opened)

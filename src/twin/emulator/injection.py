@@ -20,14 +20,32 @@ from twin.hal.supervisor import Note, State
 
 INJECTED = Condition("fault injected", Severity.WARNING, 0.0, "noted", "run without it")
 """How an injected fault stands among the events of a run."""
+NOTED = "virtual rig: "
+"""How the text of such an event begins."""
 RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug")
 """Lines about the whole virtual rig."""
 RIG_NODES = (1, 2)
 """Nodes of its drives."""
-FAULTS: Mapping[str, str] = read_packaged("twin.emulator", "faults.toml")
+_TABLE: Mapping[str, Mapping[str, str]] = read_packaged("twin.emulator", "faults.toml")
+FAULTS: Mapping[str, str] = {name: about["line"] for name, about in _TABLE.items()}
 """Lines of `VirtualRig.control` by the names of the faults that they do."""
+MATRIX_ROWS: Mapping[str, str] = {
+    name: about["row"] for name, about in _TABLE.items() if "row" in about
+}
+"""Row of the fault matrix with the same fault, by name; not every one has a row."""
+_NAMES = {
+    text.casefold(): name
+    for name, about in _TABLE.items()
+    for text in (name, about.get("formerly", name))
+}
+"""Present names by all that are read, in small letters."""
 LOOK_INTERVAL_S = 0.001
 """Time in s between two looks at the run's clock."""
+
+
+def fault_name(text: str) -> str | None:
+    """The fault that a text names, in any letters or by its former name; None if it names none."""
+    return _NAMES.get(" ".join(text.split()).casefold())
 
 
 class PlannedFault(NamedTuple):
@@ -48,7 +66,7 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
     """The faults that texts ``SECONDS LINE`` describe, in the order of their times.
 
     Args:
-        texts: As ``3.0 unplug``, ``2 drop 0x080 0.1``, or by a name of ``FAULTS``, ``2 sync lost``.
+        texts: As ``3.0 unplug``, ``2 drop 0x080 0.1``, or by a name of ``FAULTS``, ``2 SYNC lost``.
         duration: Of the run, s.
         option: What the argument is called in messages.
 
@@ -59,7 +77,8 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
     found = []
     for text in texts:
         at, _, named = text.strip().partition(" ")
-        line = FAULTS.get(named.strip(), named)
+        named = fault_name(named) or named
+        line = FAULTS.get(named, named)
         try:
             time = float(at)
         except ValueError:
@@ -127,7 +146,7 @@ def inject(
             if rig.supervisor.state[0] == State.RUNNING and time >= waiting[0].time:
                 fault = waiting.pop(0)
                 text = f"{fault.name}: {obey(fault.line)}"
-                rig.journal.append(Entry(time, Note(0, INJECTED, f"virtual rig: {text}")))
+                rig.journal.append(Entry(time, Note(0, INJECTED, f"{NOTED}{text}")))
 
     thread = threading.Thread(target=work, name="faults", daemon=True)
     if faults:

@@ -25,7 +25,7 @@ from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.base.writing import why, write_folder, write_whole
 from twin.lab.words import words
-from twin.run.files import MOTION_INDICATORS, export
+from twin.run.files import MOTION_INDICATORS, export, nearest_indicator
 from twin.run.finished import run
 from twin.scenario import Scenario
 from twin.study.schema import Family, Point, draw_rigs, read_family
@@ -205,7 +205,7 @@ class CheckTable(Checked):
     @model_validator(mode="after")
     def _one_judge(self) -> CheckTable:
         if self.metric and self.metric not in MOTION_INDICATORS:
-            raise ValueError(f"metric: no '{self.metric}'{nearest(self.metric, MOTION_INDICATORS)}")
+            raise ValueError(f"metric: no '{self.metric}'{nearest_indicator(self.metric)}")
         if self.full == self.none:
             raise ValueError("full, none: must differ; points go along the line between them")
         if not self.metric and (self.limit is not None or self.against):

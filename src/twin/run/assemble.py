@@ -12,7 +12,7 @@ import io
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 from functools import lru_cache, partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -457,6 +457,8 @@ def line_of(error: BaseException) -> str:
     line = str(error) if isinstance(error, AnswerError) else locate_error(error)
     if isinstance(error, IndexError) and line:
         line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
+    if isinstance(error, FrozenInstanceError) and line:
+        line += " (many rigs share one law: what it remembers is its `memory`, see memory_rate)"
     if sys.flags.dev_mode or not line:
         return ""
     return ", ".join((line, *getattr(error, "__notes__", ())))

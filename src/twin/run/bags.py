@@ -18,6 +18,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.base.parts import extra
+from twin.run.files import ros_field
 from twin.run.readers import MAX_MATRIX_COLUMNS, ForeignTable
 from twin.run.record import MOST_ROWS
 
@@ -70,18 +71,13 @@ def read_mcap(path: Path) -> ForeignTable:
         if units:
             rows = [message for *_, message in reader.iter_decoded_messages(topics=[SIGNALS_TOPIC])]
             if rows:
-                own = {k: np.array([getattr(row, _field(k)) for row in rows]) for k in units}
+                own = {k: np.array([getattr(row, ros_field(k)) for row in rows]) for k in units}
                 return ForeignTable(dict(own), units, metadata)
         messages = (
             _Raw(channel.topic, schema, channel.message_encoding, each.data, each.log_time)
             for schema, channel, each in reader.iter_messages()
         )
         return _of_messages(messages)
-
-
-def _field(name: str) -> str:
-    """Name of a column in a message of ROS."""
-    return "".join(c if c.isalnum() or c == "_" else "_" for c in name).lower()
 
 
 def read_bag(path: Path) -> ForeignTable:

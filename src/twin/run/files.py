@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import LogError, RecordError, nearest
@@ -330,6 +330,29 @@ MOTION_INDICATORS = tuple(
     if name not in {"outcome", "outcome_time", "judged_from", "real_time_factor", *BOARD_INDICATORS}
 )
 """Indicators that evaluate a motion."""
+
+
+def nearest_indicator(name: object, known: Iterable[str] = MOTION_INDICATORS) -> str:
+    """The end of a message about an unknown indicator: the one that is meant, and those known.
+
+    Args:
+        name: As it was given; also a word that a table prints for an indicator, as ``e_tt``.
+        known: Names of those that there are.
+    """
+    names = list(known)
+    word = str(name).casefold()
+    called = {each: INDICATORS.get(each, {}).get("words", "").casefold().split() for each in names}
+    meant = [each for each, words in called.items() if word in words]
+    return nearest(meant[0] if len(meant) == 1 else name, names)
+
+
+class Indicators(dict[str, Any]):
+    """Indicators of a run by name; one that it lacks is a ``KeyError`` with the nearest name."""
+
+    def __missing__(self, name: object) -> NoReturn:
+        raise KeyError(f"no indicator '{name}'{nearest_indicator(name, self)}")
+
+
 LOST_ENDINGS = ("fell", "lost", "diverged")
 """Endings after which no error is shown: a lost ball has none."""
 
@@ -418,6 +441,11 @@ def _plain(name: str) -> str:
     return re.sub(r"\W", "_", name)
 
 
+def ros_field(name: str) -> str:
+    """Name of a column in a message of ROS."""
+    return _plain(name).lower()
+
+
 def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -439,7 +467,7 @@ def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
         from mcap_ros2.writer import Writer  # noqa: PLC0415  of an extra
     except ImportError as error:
         raise RecordError("needs the extra mcap: pip install 'ballplate[mcap]'") from error
-    fields = {_plain(name).lower(): name for name in columns}
+    fields = {ros_field(name): name for name in columns}
     own = "".join(f"float64 {field}  # {units.get(name) or 1}\n" for field, name in fields.items())
     parts = "".join(
         f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2_TABLES["parts"].items()

@@ -25,6 +25,7 @@ from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import RecordError, one_line
+from twin.base.shipped import nearest_neighbour
 from twin.base.writing import remove, write_whole
 from twin.run.files import STREAM_FILE, arrow_fields
 from twin.scenario.schema import CATALOG_TABLES, MOST_PERIODS, Scenario, choices, with_settings
@@ -355,7 +356,10 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     try:
         table = read_table(file, wanted)
     except FileNotFoundError as error:
-        raise RecordError(f"{file}: no such record; a run folder contains run.parquet") from error
+        near = nearest_neighbour(file)
+        raise RecordError(
+            f"{file}: no such record; a run folder contains run.parquet{near}"
+        ) from error
     except DamagedError as error:
         raise RecordError(f"{file}: {error}") from error
     except unreadable_errors() as error:

@@ -37,6 +37,7 @@ from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import Towards
 from twin.emulator.drive import COASTING_TIME_S, STOP_RAMP, VELOCITY_UNIT
 from twin.emulator.drive_objects import Frame
+from twin.emulator.injection import MATRIX_ROWS, fault_name
 from twin.emulator.lockstep import BALL_TIMEOUT_S, LockstepRig
 from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol, ScreenFault
@@ -744,7 +745,8 @@ CASES = tuple(chain(*CASE_GROUPS.values()))
 def choose_cases(words: Sequence[str]) -> list[int]:
     """Indices of the cases with all of the words in name or condition; all if there are none.
 
-    The beginning of a word is enough, in capital or small letters.
+    The beginning of a word is enough, in capital or small letters. The name of a fault of a run is
+    that of its row.
 
     Raises:
         ScenarioError: If no case has the words of a text.
@@ -754,10 +756,15 @@ def choose_cases(words: Sequence[str]) -> list[int]:
     chosen: set[int] = set()
     for text in words:
         wanted = text.lower().split()
+        row = MATRIX_ROWS.get(fault_name(text) or "")
         found = {
             index
             for index, case in enumerate(CASES)
-            if all(re.search(rf"\b{re.escape(word)}", _search_text(case)) for word in wanted)
+            if case.name == row
+            or (
+                row is None
+                and all(re.search(rf"\b{re.escape(word)}", _search_text(case)) for word in wanted)
+            )
         }
         if not found or not wanted:
             raise ScenarioError(

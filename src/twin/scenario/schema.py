@@ -118,7 +118,7 @@ class InjectedFault(Section):
     at: Annotated[float, Field(ge=0)]
     """When, time of the run in s."""
     name: Annotated[str, Field(min_length=1)]
-    """Fault, by its name or as a line of `ballplate emulate`: "sync lost", "unplug"."""
+    """Fault, by its name or as a line of `ballplate emulate`: "SYNC lost", "unplug"."""
 
 
 def tables(*classes: type, bases: Mapping[str, type[Section]], module: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from controllers.arrays import Array
 from twin.base.errors import ScenarioError, nearest
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_model, check_named_once, read_model
-from twin.run.files import MOTION_INDICATORS
+from twin.run.files import MOTION_INDICATORS, nearest_indicator
 
 
 class Parameter(Checked):
@@ -234,7 +234,7 @@ class Study(Checked):
     def _sensible(self) -> Study:
         unknown = [name for name in self.metrics if name not in MOTION_INDICATORS]
         if unknown:
-            raise ValueError(f"metrics: no '{unknown[0]}'{nearest(unknown[0], MOTION_INDICATORS)}")
+            raise ValueError(f"metrics: no '{unknown[0]}'{nearest_indicator(unknown[0])}")
         check_named_once("variants", [variant.name for variant in self.variants])
         if self.method == "sobol" and self.samples.bit_count() > 1:
             power = 1 << self.samples.bit_length()

@@ -16,7 +16,7 @@ from twin.base.errors import LawError, nearest
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model
 from twin.run.files import INDICATOR_UNITS as ALL_UNITS
-from twin.run.files import MOTION_INDICATORS
+from twin.run.files import MOTION_INDICATORS, nearest_indicator
 from twin.run.logs import UNIT_SCALES
 from twin.scenario import Scenario
 from twin.study.experiments import Store, evaluate
@@ -39,7 +39,7 @@ def factor(name: str, unit: str | None) -> float:
         ValueError: If there is no such indicator, or it cannot have this unit.
     """
     if name not in MEASURED_UNITS:
-        raise ValueError(f"no indicator '{name}'{nearest(name, MEASURED_UNITS)}")
+        raise ValueError(f"no indicator '{name}'{nearest_indicator(name, MEASURED_UNITS)}")
     known = UNIT_FACTORS[MEASURED_UNITS[name]]
     if unit is None:
         return 1.0

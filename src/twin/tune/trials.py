@@ -16,11 +16,11 @@ from controllers.analysis import Loop, margins, sampled_loop, unstable
 from controllers.arrays import Array
 from controllers.interfaces import ControlLaw, Observer
 from controllers.observers import Ideal
-from twin.base.errors import ScenarioError, TwinError, nearest
+from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.run.assemble import build_controller, own_errors
-from twin.run.files import MOTION_INDICATORS
+from twin.run.files import MOTION_INDICATORS, nearest_indicator
 from twin.scenario import Scenario
 from twin.scenario.load import setting
 from twin.scenario.schema import at_study_step
@@ -60,9 +60,8 @@ class TuneTask(Checked):
     @model_validator(mode="after")
     def _known(self) -> TuneTask:
         if self.indicator not in RUN_INDICATORS:
-            raise ValueError(
-                f"indicator: no '{self.indicator}'{nearest(self.indicator, RUN_INDICATORS)}"
-            )
+            where = nearest_indicator(self.indicator, RUN_INDICATORS)
+            raise ValueError(f"indicator: no '{self.indicator}'{where}")
         return self
 
 

@@ -9,7 +9,7 @@ is complete enough for that.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from twin.base.errors import RecordError, ScenarioError
 from twin.base.foreign import kind_of
 from twin.base.jobs import SecondProcess
 from twin.base.writing import write_json, write_whole
+from twin.emulator.injection import NOTED
 from twin.identify.logs import Log, read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges, interpolate
 from twin.run.assemble import assemble, build_controller, build_reference, law_of
@@ -628,6 +629,17 @@ def _is_log(path: Path) -> bool:
     return bool(kind_of(path))
 
 
+def _left_out(run: Run) -> Iterator[str]:
+    """A sentence on the faults that a virtual rig had on demand; none without."""
+    faults = [
+        f"{each['text'].removeprefix(NOTED)}, at {each['time']:g} s"
+        for each in run.events
+        if each["text"].startswith(NOTED)
+    ]
+    if faults:
+        yield f"its faults are left out of what the twin simulates: {'; '.join(faults)}"
+
+
 def moment_of(
     path: Path,
     at: float,
@@ -685,8 +697,8 @@ def moment_of(
         check_ranges(whole)
         log = make_replayable(whole, run.scenario, at)
         moment = estimate_moment(run.name, log, run.scenario, at)
-        note = f"recorded with {', '.join(other)}: continued from its estimated state"
-        return replace(moment, notes=(*moment.notes, note)) if other else moment
+        notes = [f"recorded with {', '.join(other)}: continued from its estimated state"]
+        return replace(moment, notes=(*moment.notes, *notes[: len(other)], *_left_out(run)))
     first, last = run.rows["time"][[0, -1]]
     if not first - 1e-9 <= at <= last + 1e-9:
         raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
