@@ -1,5 +1,6 @@
 """Tests of the choice of the fit by which an axis is predicted."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from twin.identify import any_rig, predictor
 from twin.identify.any_rig import identify_axes
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.plain_model import predict_axis, prediction_times
-from twin.identify.predictor import choose_predictor, fit_five_numbers
+from twin.identify.predictor import choose_lead, choose_predictor, fit_five_numbers
 
 PLAIN = Rig(
     seconds=14.0, rate=50.0, gain=6.0, dead_time=0.1, lag=0.0, friction=0.03, viscous=0.3, level=0.1
@@ -82,6 +83,25 @@ def test_a_model_that_explains_its_log_is_kept(monkeypatch):
     monkeypatch.setattr(predictor, "_cross_validate", lambda *_: pytest.fail("compared"))
     given = SimpleNamespace(windowed=None, explained=True)
     assert choose_predictor(given) == (given, "")
+
+
+def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):
+    noisy = axis_of(3, replace(PLAIN, noise=2e-3))
+    given = replace(plain, log=noisy)
+    found = choose_lead(given)
+    assert found.how.hold_out.lead_s > 0.4
+    at = prediction_times(noisy)
+    before, after = (predict_axis(noisy, each, at, follow=False) for each in (given, found))
+    medians = [np.nanmedian(np.abs(e.errors("model", 1.0)[e.moves])) for e in (before, after)]
+    assert medians[1] < 0.8 * medians[0]
+    for baseline in ("stays", "goes on"):  # these do not gain by it
+        own, other = (np.nanmedian(np.abs(e.errors(baseline, 1.0))) for e in (before, after))
+        assert own == pytest.approx(other, rel=0.05)
+
+
+def test_predictions_start_from_few_samples_where_the_model_is_wrong(plain):
+    wrong = plain.found._replace(theta=plain.found.theta * np.array([0.5, 1, 1, 1, 1]))
+    assert choose_lead(replace(plain, found=wrong)).how.hold_out.lead_s <= 0.4
 
 
 def test_each_half_is_predicted_by_a_fit_of_the_other(plain):

@@ -37,6 +37,7 @@ from twin.identify.plain_model import (
     refit_for_prediction,
 )
 from twin.identify.predictor import (
+    choose_lead,
     choose_predictor,
     describe_five_numbers,
     fit_five_numbers,
@@ -393,7 +394,7 @@ def _fit_axes(
             notes += plain_notes
             with suppress(LogError):
                 _check_excited(log)
-                fits[axis] = fit_five_numbers(log, DELAYS_S[log.held], looks[axis])
+                fits[axis] = choose_lead(fit_five_numbers(log, DELAYS_S[log.held], looks[axis]))
                 five = describe_five_numbers(fits[axis])
                 notes.append(f"{axis}: predictions are those of {five}")
             continue
@@ -401,7 +402,8 @@ def _fit_axes(
         verdicts = _assess_axis(fit, axis, units[axis], selection)
         words = {each.name: each.word for each in verdicts}
         known = words[f"gain_{axis}"] == IDENTIFIED_VERDICT
-        fits[axis], note = choose_predictor(fit, known=known)
+        predictor, note = choose_predictor(fit, known=known)
+        fits[axis] = choose_lead(predictor)
         notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
             verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)

@@ -47,6 +47,8 @@ class PredictorChoice:
         horizon_s: Time ahead at which predictions are compared, and up to which five numbers are
             fitted.
         interval_s: Time between the predictions to which they are fitted.
+        leads_s: Lengths of the samples from which a prediction may start: long ones average noise,
+            short ones forget errors of the model.
         accepted_error_share: Five numbers are taken if they reduce the error to this share of that
             of a full model that shows the gain.
     """
@@ -55,6 +57,7 @@ class PredictorChoice:
     first_residual_m: float = 2e-3
     horizon_s: float = 1.0
     interval_s: float = 0.25
+    leads_s: tuple[float, ...] = (0.4, 0.25, 0.7, 1.2)
     accepted_error_share: float = 0.9
 
 
@@ -92,6 +95,30 @@ def choose_predictor(
         f"predictions are those of {describe_five_numbers(plain)}: by them one half of the log "
         f"predicts the other to {1000 * least:.1f} mm, by the full model to {1000 * full:.1f} mm"
     )
+
+
+def choose_lead(fit: AxisFit, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisFit:
+    """The fit with the length of samples from which its predictions of its log start best.
+
+    Args:
+        fit: A fit of an axis.
+        how: Constants.
+    """
+    at = prediction_times(fit.log, fit.how)
+    if not len(at):
+        return fit
+    fits = [
+        replace(fit, how=replace(fit.how, hold_out=replace(fit.how.hold_out, lead_s=lead_s)))
+        for lead_s in how.leads_s
+    ]
+    errors = [absolute_quantile(_find_errors(each, fit.log, at, how), 0.5) for each in fits]
+    return fits[int(np.nanargmin(errors))] if np.isfinite(errors).any() else fit
+
+
+def _find_errors(fit: AxisFit, log: AxisLog, at: Array, how: PredictorChoice) -> Array:
+    """Errors in m of predictions that begin at some times in s, where the ball moves."""
+    found = predict_axis(log, fit, at, follow=False)
+    return found.errors("model", how.horizon_s)[found.moves]
 
 
 def fit_five_numbers(
@@ -192,6 +219,5 @@ def _cross_validate(
         at = prediction_times(tried, fit.how)
         if not len(at):
             return np.inf
-        found = predict_axis(tried, refit(fitted), at, follow=False)
-        errors.append(found.errors("model", how.horizon_s)[found.moves])
+        errors.append(_find_errors(refit(fitted), tried, at, how))
     return absolute_quantile(np.concatenate(errors), 0.5)
