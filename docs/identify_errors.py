@@ -9,7 +9,8 @@ plain model of five numbers is fitted by scipy for comparison.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -17,15 +18,15 @@ from typing import Any
 
 import click
 import numpy as np
-from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from controllers.arrays import Array
-from docs.pages import HERE, filled, kept, wilson, write
+from docs.five_numbers import fit_five_numbers, predict_five_numbers
+from docs.pages import HERE, filled, kept, write
 from twin.base.errors import LogError
 from twin.cli.output import progress
-from twin.identify.any_rig import identify_axes, join_logs, split_axes
+from twin.identify.any_rig import identify_axes, join_logs
 from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.verdicts import Predicted
 from twin.study.work import digest
 
 STEP_S = 1e-3
@@ -165,121 +166,25 @@ def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Arra
     return time, time * (1 + rig.drift), ball, commands, angles
 
 
-def simulate_turned(seed: int, rig: Rig, angle: float) -> dict[str, tuple[Array, ...]]:
+def simulate_turned(
+    seed: int, rig: Rig | Sequence[Rig], angle: float
+) -> dict[str, tuple[Array, ...]]:
     """Logs as `simulate_log` gives them of both axes of a rig that are turned by an angle in rad.
 
     The tilt of each axis moves the ball along the other by its sine. Along y a positive tilt moves
     it the other way. The plate of y stays as it was without the turn of x.
     """
-    y = simulate_log(seed + 1000, rig)
-    x = simulate_log(seed, rig, across=math.sin(angle) * rig.gain * y[4])
-    y = simulate_log(seed + 1000, rig, across=-math.sin(angle) * rig.gain * x[4])
+    along_x, along_y = (rig, rig) if isinstance(rig, Rig) else rig
+    y = simulate_log(seed + 1000, along_y)
+    x = simulate_log(seed, along_x, across=math.sin(angle) * along_x.gain * y[4])
+    y = simulate_log(seed + 1000, along_y, across=-math.sin(angle) * along_y.gain * x[4])
     return {"x": x, "y": (y[0], y[1], y[2], -y[3], y[4])}
 
 
-LEAD_S, AHEAD_S = 0.4, 1.0
-"""Windows of the plain model: time from which a prediction starts, and its length."""
-GRID_S = 0.01
-"""Step of its integrals."""
-
-
-@dataclass(frozen=True)
-class FiveNumbers:
-    """x'' = gain u(t - dead time, behind a lag) + offset - damping x'.
-
-    Attributes:
-        gain: m/s^2 by the unit of the command.
-        offset: m/s^2.
-        damping: 1/s.
-        dead_time: s.
-        lag: s.
-    """
-
-    gain: float
-    offset: float
-    damping: float
-    dead_time: float
-    lag: float
-
-
-def _responses(time: Array, command: Array, begin: Array, delays: Array) -> Array:
-    """Ways from rest by command and offset, and by a speed of 1 m/s, on a grid, (3, W, N)."""
-    dead_time, lag, damping = delays.tolist()
-    grid = np.arange(time[0], time[-1], GRID_S)
-    held = command[np.clip(np.searchsorted(time, grid, "right") - 1, 0, None)]
-    stay = math.exp(-GRID_S / lag) if lag > GRID_S / 10 else 0.0
-    lagged = lfilter([1 - stay], [1, -stay], held, zi=[stay * held[0]])[0]
-    since = GRID_S * np.arange(round((LEAD_S + AHEAD_S + 0.1) / GRID_S))
-    pushed = np.interp(begin[:, None] - LEAD_S + since - dead_time, grid, lagged)
-    keeps = 1 - damping * GRID_S
-    each = np.stack((pushed, np.ones_like(pushed)))
-    speed = lfilter([0, GRID_S], [1, -keeps], each, axis=-1)
-    way = lfilter([0, GRID_S], [1, -1], speed, axis=-1) + GRID_S / 2 * speed
-    rolls = lfilter([0, GRID_S], [1, -1], keeps ** np.arange(len(since)))
-    return np.concatenate((way, np.broadcast_to(rolls, (1, *way.shape[1:]))))
-
-
-def _rows(sampled: Array, ball: Array, begin: Array, ways: Array) -> list[tuple[Array, ...]]:
-    """Of each window: seconds since its beginning, positions, and the ways there, (3, K)."""
-    since, rows = GRID_S * np.arange(ways.shape[-1]), list[tuple[Array, ...]]()
-    for w, at in enumerate(begin):
-        some = slice(*np.searchsorted(sampled, (at - LEAD_S, at + AHEAD_S + 0.05)))
-        here = sampled[some] - at + LEAD_S
-        rows.append((here, ball[some], np.stack([np.interp(here, since, e[w]) for e in ways])))
-    return rows
-
-
-def fit_five_numbers(time: Array, command: Array, sampled: Array, ball: Array) -> FiveNumbers:
-    """The plain model by least squares of windows with a free start each, as a textbook has it."""
-    begin = np.arange(sampled[0] + LEAD_S, sampled[-1] - AHEAD_S, AHEAD_S / 2)
-
-    def solve(delays: Array) -> tuple[float, Array]:
-        if (delays < 0).any() or delays[0] > 0.5 or delays[1] > 0.5 or delays[2] > 5:
-            return 1e9, np.zeros(2)
-        normal, size = np.zeros((3, 3)), 0
-        ways = _responses(time, command, begin, delays)
-        for _, where, way in _rows(sampled, ball, begin, ways):
-            if len(where) < 8:
-                continue
-            start = np.linalg.qr(np.stack((np.ones_like(where), way[2]), axis=-1))[0]
-            free = np.stack((way[0], way[1], where), axis=-1)
-            free = free - start @ (start.T @ free)
-            normal += free.T @ free
-            size += len(where)
-        found = np.linalg.lstsq(normal[:2, :2], normal[:2, 2], rcond=1e-12)[0]
-        return float(normal[2, 2] - found @ normal[:2, 2]) / max(size, 1), found
-
-    guesses = [(delay, lag, 0.1) for delay in (0.03, 0.1, 0.2) for lag in (0.01, 0.08)]
-    best = min(guesses, key=lambda each: solve(np.array(each))[0])
-
-    def cost(delays: Array) -> float:
-        return 1e6 * solve(delays)[0]
-
-    dead_time, lag, damping = minimize(cost, np.array(best), method="Nelder-Mead").x.tolist()
-    gain, offset = solve(np.array([dead_time, lag, damping]))[1].tolist()
-    return FiveNumbers(gain, offset, damping, dead_time, lag)
-
-
-def predict_five_numbers(
-    model: FiveNumbers, time: Array, command: Array, sampled: Array, ball: Array, begin: Array
-) -> Array:
-    """Errors of its predictions after 1 s in m, from some times in s on; NaN without a sample."""
-    ways = _responses(time, command, begin, np.array([model.dead_time, model.lag, model.damping]))
-    errors = np.full(len(begin), np.nan)
-    for w, (since, where, way) in enumerate(_rows(sampled, ball, begin, ways)):
-        lead, off = since < LEAD_S, np.abs(since - LEAD_S - AHEAD_S)
-        if lead.sum() < 3 or off.min() > 0.06:
-            continue
-        last = int(off.argmin())
-        pushed = model.gain * way[0] + model.offset * way[1]
-        start = np.stack((np.ones_like(since), way[2]), axis=-1)
-        begun = np.linalg.lstsq(start[lead], (where - pushed)[lead], rcond=None)[0]
-        errors[w] = (pushed + start @ begun - where)[last]
-    return errors
-
-
-SECONDS = 36.0
-"""Length of a log; a third of it is held out."""
+SECONDS = 24.0
+"""Length of each of two logs: one is fitted, the other is predicted."""
+TUBE_SECONDS = 48.0
+"""The same of a tube."""
 DRAWN = {
     "gain": (5.0, 8.0),
     "dead_time": (0.02, 0.1),
@@ -300,50 +205,127 @@ KINDS: dict[str, tuple[str, dict[str, tuple[float, float]]]] = {
     "softening": ("gain that falls by 0.5 to 2 by rad", {"softening": (0.5, 2.0)}),
     "presliding": ("friction that builds up over 0.3 to 3 mm", {"presliding": (3e-4, 3e-3)}),
     "tube": ("end stops, a third of the time at one", {}),
+    "two_axes": ("axes turned by 1.5 to 4 deg, unequal dead times", {}),
+    "mixed": ("rigs of others: up to three of these", {}),
 }
 """Kind of an error of the model to its name in words, and the ranges of its size."""
 CHECKED = ("gain", "delay", "friction")
+TURNED_DEG, UNEQUAL_S = (1.5, 4.0), (0.02, 0.08)
+"""Angle between axes of plate and camera, and difference of the dead times of both axes."""
+MIXED: dict[str, tuple[float, float]] = {
+    "gain": (1.5, 12.0),
+    "dead_time": (0.01, 0.2),
+    "lag": (0.01, 0.15),
+    "friction": (0.0, 0.12),
+    "viscous": (0.0, 0.5),
+    "level": (-0.15, 0.15),
+    "noise": (1e-4, 2e-3),
+    "seconds": (16.0, 48.0),
+}
+"""Ranges of rigs of others, SI."""
+MIXED_RATES, MIXED_PIXELS_M = (12.0, 200.0), (0.0, 0.0, 5e-4, 1e-3, 3e-3)
+"""Their rates, by the logarithm, and steps of their positions."""
+MAX_ERRORS = 3
+"""Largest number of errors of the model of such a rig."""
+UNITS = (1.0, 57.3, 1000.0, -11.4)
+"""Numbers of the log by rad: radians, degrees, milliradians, counts of a servo that turns back."""
 
 
 def draw_rig(kind: str, seed: int) -> Rig:
-    """A rig with one error of the model."""
+    """A rig with one error of the model, or as one of others."""
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
     ranges = DRAWN | KINDS[kind][1]
     values: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in ranges.items()}
     if kind == "tube":
         few = {name: values[name] for name in ("gain", "friction", "noise")}
-        return replace(TUBE, seconds=72.0, dead_time=0.02 + values["lag"] / 2, **few)
+        return replace(TUBE, seconds=TUBE_SECONDS, dead_time=0.02 + values["lag"] / 2, **few)
+    if kind == "mixed":
+        return _draw_mixed(rng)
     return replace(Rig(seconds=SECONDS, told=kind != "untold"), **values)
 
 
-def identify_rig(kind: str, seed: int) -> dict[str, Any]:
-    """A rig, and what `identify` and the plain model say of it."""
+def _draw_mixed(rng: np.random.Generator) -> Rig:
+    values: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in MIXED.items()}
+    values["rate"] = float(np.exp(rng.uniform(*np.log(MIXED_RATES))))
+    values["pixel"] = float(rng.choice(MIXED_PIXELS_M))
+    single = [name for name, (_, ranges) in KINDS.items() if ranges]
+    for name in rng.choice(single, rng.integers(0, MAX_ERRORS + 1), replace=False):
+        values |= {key: float(rng.uniform(*ends)) for key, ends in KINDS[name][1].items()}
+    if rng.random() < 1 / 4:  # in a tube or on a short beam
+        values |= {"stop": float(rng.uniform(0.035, 0.1)), "nervous": True}
+    return Rig(**values, told=bool(rng.random() < 1 / 2))
+
+
+def _make_logs(kind: str, seed: int) -> tuple[list[AnyLog], list[dict[str, float]]]:
+    """Two logs of a rig of some kind, and what is true along each axis."""
     rig = draw_rig(kind, seed)
-    time, sampled, ball, command, _ = simulate_log(seed, rig)
-    log = AnyLog("rig.csv", {"x": AxisLog(time, command, True, sampled, ball)}, {"x": "rad"}, ())
-    truth = {
-        "gain": rig.gain,
-        "delay": rig.dead_time + rig.lag + rig.filtered,
-        "friction": rig.friction,
-    }
-    try:
-        found = identify_axes([log], 1 / 3)
-    except LogError as error:
-        return {"rig": asdict(rig), "truth": truth, "refused": str(error)}
-    told = {each.name[:-2]: (each.value, each.low, each.high, each.word) for each in found.verdicts}
-    known, held = (join_logs([each["x"]]) for each in split_axes(log, 1 / 3))
-    plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
-    errors = {}
-    if "x" in found.predictions:
-        each = found.predictions["x"]
-        both = {
-            "identify": each.errors("level followed", 1.0),
-            "five numbers": predict_five_numbers(
-                plain, held.time, held.tilt, held.sampled, held.ball, each.begin
-            ),
+    rng = np.random.default_rng([seed, 7])
+    rigs = [rig]
+    unit = float(rng.choice(UNITS)) if kind == "mixed" else 1.0
+    if kind == "two_axes":
+        rigs = [rig, replace(rig, dead_time=rig.dead_time + float(rng.uniform(*UNEQUAL_S)))]
+    turned = math.radians(rng.uniform(*TURNED_DEG))
+    logs = []
+    for run in (seed, seed + 5000):
+        if kind == "two_axes":
+            found = simulate_turned(run, rigs, turned)
+        else:
+            found = {"x": simulate_log(run, rig)}
+        axes = {
+            axis: AxisLog(time, unit * command, True, sampled, ball)
+            for axis, (time, sampled, ball, command, _) in found.items()
         }
-        errors = {w: float(np.nanmedian(np.abs(e[each.moves]))) for w, e in both.items()}
-    return {"rig": asdict(rig), "truth": truth, "told": told, "errors": errors}
+        units = dict.fromkeys(axes, "rad" if unit == 1.0 else "counts")
+        logs.append(AnyLog("rig.csv", axes, units, ()))
+    # along y a positive tilt moves the ball the other way
+    truth = [
+        {
+            "gain": sign * each.gain / unit,
+            "delay": each.dead_time + each.lag + each.filtered,
+            "friction": each.friction,
+        }
+        for each, sign in zip(rigs, (1, -1), strict=False)
+    ]
+    return logs, truth
+
+
+def identify_rig(kind: str, seed: int) -> dict[str, Any]:
+    """What `identify` says of a rig, and how it and five numbers predict another log of it."""
+    (fitted, held), truth = _make_logs(kind, seed)
+    found = None
+    try:
+        found = identify_axes([fitted], [held])
+    except LogError as error:
+        refused = str(error)
+    told: dict[str, list[Any]] = {name: [] for name in CHECKED}
+    for axis, true in zip(fitted.axes, truth, strict=True):
+        each = {v.name: v for v in found.verdicts} if found else {}
+        for name in CHECKED:
+            one = each.get(f"{name}_{axis}")
+            told[name].append(
+                {"truth": true[name], "low": one and one.low, "high": one and one.high}
+                | {"word": one.word if one else ""}
+            )
+    predicted = found.predictions.get("x") if found else None
+    errors = _compare_errors(fitted.axes["x"], held.axes["x"], predicted)
+    return {"told": told, "errors": errors, "refused": "" if found else refused}
+
+
+def _compare_errors(fitted: AxisLog, held: AxisLog, found: Predicted | None) -> dict[str, Any]:
+    """Median errors of the predictions of an axis after 1 s where the ball moves, m."""
+    known, unseen = join_logs([fitted]), join_logs([held])
+    plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
+    if found is None:
+        return {}
+    off = predict_five_numbers(
+        plain, unseen.time, unseen.tilt, unseen.sampled, unseen.ball, found.begin
+    )
+    both = {
+        "identify": found.errors("level followed", 1.0),
+        "model": found.errors("model", 1.0),
+        "five numbers": off,
+    }
+    return {who: float(np.nanmedian(np.abs(e[found.moves]))) for who, e in both.items()}
 
 
 def known_rig(kind: str, seed: int) -> dict[str, Any]:
@@ -356,37 +338,49 @@ def known_rig(kind: str, seed: int) -> dict[str, Any]:
 def _read_sources() -> str:
     """What the results depend on, as it is when the first rig is identified."""
     room = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
-    return " ".join(each.read_text(encoding="utf-8") for each in (Path(__file__), *room))
+    own = (Path(__file__), HERE / "five_numbers.py")
+    return " ".join(each.read_text(encoding="utf-8") for each in (*own, *room))
 
 
 def count_held(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
-    """How many rigs have a parameter identified, and how many of these intervals hold the truth."""
-    told = [(each["truth"][name], each["told"].get(name)) for each in found if "told" in each]
-    sure = [(truth, one) for truth, one in told if one and one[3] == "identified"]
-    held = sum(one[1] <= truth <= one[2] for truth, one in sure)
-    return {"identified": len(sure), "held": held, "share": wilson(held, len(sure))}
+    """How many axes have a parameter identified, and how many of these intervals hold the truth."""
+    told = [one for each in found for one in each["told"][name]]
+    sure = [one for one in told if one["word"] == "identified"]
+    held = sum(one["low"] <= one["truth"] <= one["high"] for one in sure)
+    return {"of": len(told), "identified": len(sure), "held": held}
 
 
 def make_page(found: dict[str, list[dict[str, Any]]]) -> str:
     """The page of what was found, kind to rigs."""
     rows = []
     for kind, rigs in found.items():
-        errors = [each["errors"] for each in rigs if each.get("errors")]
+        errors = [each["errors"] for each in rigs if each["errors"]]
         medians = {
             who: 1000 * float(np.median([each[who] for each in errors]))
-            for who in ("identify", "five numbers")
+            for who in ("identify", "model", "five numbers")
         }
-        better = sum(each["identify"] <= each["five numbers"] for each in errors)
+        better = {
+            who: sum(each[who] <= each["five numbers"] for each in errors)
+            for who in ("identify", "model")
+        }
         rows.append(
             {
                 "kind": KINDS[kind][0],
                 "rigs": len(rigs),
+                "refused": sum(bool(each["refused"]) for each in rigs),
                 "counts": {name: count_held(rigs, name) for name in CHECKED},
                 "medians": medians,
                 "better": better,
+                "compared": len(errors),
             }
         )
-    return filled("identify_errors", seconds=SECONDS, rows=rows, checked=CHECKED)
+    return filled(
+        "identify_errors",
+        seconds=SECONDS,
+        tube_seconds=TUBE_SECONDS,
+        rows=rows,
+        checked=CHECKED,
+    )
 
 
 @click.command()

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import click
@@ -28,7 +29,7 @@ from twin.identify.parameters import DEFAULT_PARAMETERS
 from twin.identify.twin_model import identify_twin
 from twin.identify.verdicts import IDENTIFIED_VERDICT
 from twin.plan.experiment import RigChoice, forecast_motion
-from twin.plan.forecast import forecast_log
+from twin.plan.forecast import forecast_log, half_width
 from twin.plan.motion import optimise_motion
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.belief import logs
@@ -135,10 +136,9 @@ def known_optimised() -> dict[str, Any]:
 
 def half(found: Found, name: str) -> float:
     """Half width of a parameter's interval, to its longer side; infinite without one."""
-    each = found["verdicts"].get(name, {"value": None})
-    if each["value"] is None or each["low"] is None or each["high"] is None:
-        return math.inf
-    return float(max(each["high"] - each["value"], each["value"] - each["low"]))
+    each = found["verdicts"].get(name)
+    verdict: Any = SimpleNamespace(**each) if each else None
+    return half_width(verdict)
 
 
 def ratios(above: Sequence[Found], below: Sequence[Found], name: str) -> np.ndarray:
@@ -148,14 +148,14 @@ def ratios(above: Sequence[Found], below: Sequence[Found], name: str) -> np.ndar
 
 
 def cells(found: np.ndarray) -> tuple[str, ...]:
-    """Rigs, median of their ratios, and shares within the factor and within 2, in percent."""
+    """Rigs, median of their ratios, share within the factor in percent, factor that 90 % keep."""
     if not len(found):
         return "0", "-", "-", "-"
     near = np.abs(np.log(found)) <= math.log(WITHIN)
     low, high = wilson(int(near.sum()), len(found))
-    twice = 100 * np.mean(np.abs(np.log(found)) <= math.log(2))
+    most = math.exp(float(np.quantile(np.abs(np.log(found)), 0.9)))
     share = f"{100 * near.mean():.0f} ({low:.0f} to {high:.0f})"
-    return str(len(found)), f"{np.median(found):.2f}", share, f"{twice:.0f}"
+    return str(len(found)), f"{np.median(found):.2f}", share, f"{most:.2f}"
 
 
 def rows(above: Sequence[Found], below: Sequence[Found]) -> Iterator[tuple[str, ...]]:

@@ -358,6 +358,26 @@ def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_sa
     assert 180 <= covered <= 199
 
 
+@pytest.mark.parametrize(("white", "least", "most"), [(False, 0.3, 0.7), (True, 0.85, 1.0)])
+def test_white_residuals_give_widths_that_two_logs_agree_in_and_that_hold(white, least, most):
+    slopes = np.random.default_rng(7).normal(size=(10, 40, 5))
+    slopes *= np.linspace(0.4, 2, 10)[:, None, None]  # windows that show more than others
+    normal = np.einsum("wmi,wmj->wij", slopes, slopes)
+    total, rng, halves, covered = normal.sum(axis=0), np.random.default_rng(5), [], []
+    for _ in range(80):
+        noise = rng.normal(size=(10, 40))
+        step = np.linalg.solve(total, np.einsum("wmi,wm->i", slopes, noise))
+        score = np.einsum("wmi,wm->wi", slopes, noise - slopes @ step)
+        fit = estimate(step, normal, score, total, residual=1.0 if white else None)
+        halves.append(fit.half_width)
+        covered.append(np.abs(step) <= fit.half_width)
+    ratios = np.log(np.array(halves[::2]) / halves[1::2])
+    assert least < np.mean(np.abs(ratios) < np.log(1.3)) < most
+    assert 0.92 < np.mean(covered) < 0.99
+    usual = 1.96 * np.sqrt(np.diagonal(np.linalg.inv(total)))  # linear regression, noise known
+    assert 0.95 < np.mean(halves / usual) < 1.5
+
+
 def test_a_dead_time_at_its_bound_is_not_identified():
     found = told("delay", 0.1395, 5e-4)
     assert found.word == BOUNDED_VERDICT

@@ -36,6 +36,12 @@ from twin.identify.plain_model import (
     profile_drives,
     refit_for_prediction,
 )
+from twin.identify.predictor import (
+    choose_lead,
+    choose_predictor,
+    describe_five_numbers,
+    fit_five_numbers,
+)
 from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import (
     BOUNDED_VERDICT,
@@ -101,6 +107,11 @@ class AxisSelection:
 
 
 AXIS_SELECTION = AxisSelection()
+DOUBTED_WHERE_NOT_WHITE = {
+    "gain": "steps of a servo, or a ball that sticks, resemble another gain",
+    "friction": "a friction that builds up over a way, or sticks, is another",
+}
+"""Parameters that an error of the model moves in all windows alike, and what may do so."""
 DELAYS_S = {True: (0.0, 0.5), False: (-0.1, 0.5)}
 """Smallest and largest dead time of commands, and of angles that are measured."""
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
@@ -263,7 +274,7 @@ def identify_axes(
         joined, first.unit, looks, usual, names, selection, progress
     )
     notes += remarks_on_fits
-    if not any(each.value is not None for each in found):
+    if not fits and not any(each.value is not None for each in found):
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
     tried = _predict_held_out(fits, others, levers, selection)
@@ -356,8 +367,8 @@ def _fit_axes(
         progress: Called with the share of the work done and the name of the next step.
 
     Returns:
-        The fits by axis, without an axis that cannot be fitted; the verdicts of the parameters of
-        all axes; a reason for each axis without a fit; notes for the report.
+        The fits by axis that predict best, without an axis that cannot be fitted; the verdicts of
+        the parameters of all axes; a reason for each axis without a full fit; notes for the report.
     """
     fits: dict[str, AxisFit] = {}
     found: list[ParameterVerdict] = []
@@ -382,10 +393,19 @@ def _fit_axes(
             verdicts, plain_notes = assess_plainly(log, axis, units[axis], unknown)
             found += verdicts
             notes += plain_notes
+            with suppress(LogError):
+                _check_excited(log)
+                fits[axis] = choose_lead(fit_five_numbers(log, DELAYS_S[log.held], looks[axis]))
+                five = describe_five_numbers(fits[axis])
+                notes.append(f"{axis}: predictions are those of {five}")
             continue
         notes += [f"{axis}: {each}" for each in about]
-        fits[axis] = fit
         verdicts = _assess_axis(fit, axis, units[axis], selection)
+        words = {each.name: each.word for each in verdicts}
+        known = words[f"gain_{axis}"] == IDENTIFIED_VERDICT
+        predictor, note = choose_predictor(fit, known=known)
+        fits[axis] = choose_lead(predictor)
+        notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
             verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)
             notes += plain_notes
@@ -712,13 +732,13 @@ def _assess_axis(
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
         word = f"{label} give a different value, which the interval includes: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
-    if "friction" in names and not (fit.windowed or fit).explained:
-        k = names.index("friction")
-        low[k], high[k] = low[k] - own.half_width[k], high[k] + own.half_width[k]
-        reasons[k].append(
-            "the residuals are not white, so its interval is twice as wide: a friction that builds "
-            "up over a way, or sticks, is another"
-        )
+    for k, name in enumerate(names):
+        if name in DOUBTED_WHERE_NOT_WHITE and not (fit.windowed or fit).explained:
+            low[k], high[k] = low[k] - own.half_width[k], high[k] + own.half_width[k]
+            reasons[k].append(
+                "the residuals are not white, so its interval is twice as wide: "
+                f"{DOUBTED_WHERE_NOT_WHITE[name]}"
+            )
     rivals = {PLAIN_PARAMETERS[name].key: value for name, value in fit.rivals}
     for k, name in enumerate(rows):
         if rivals and name in DRIVE_EFFECTS:

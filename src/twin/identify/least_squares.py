@@ -27,10 +27,13 @@ class Bootstrap:
     Attributes:
         draws: Number of draws.
         coverage: Probability with which an interval contains the true value.
+        white_freedom: Degrees of freedom with which white residuals count that all windows have
+            the same noise.
     """
 
     draws: int = 4000
     coverage: float = 0.95
+    white_freedom: float = 20.0
 
 
 BOOTSTRAP = Bootstrap()
@@ -87,6 +90,8 @@ def estimate(
     score: Array,
     noise: Array | None = None,
     bootstrap: Bootstrap = BOOTSTRAP,
+    *,
+    residual: float | None = None,
 ) -> Estimate:
     """Bootstrap a least-squares fit over W windows that are independent of each other.
 
@@ -97,12 +102,19 @@ def estimate(
     of windows that would carry the same information if all carried equally much, at most windows
     less parameters.
 
+    A few windows know their scatter badly, and the width of an interval scatters with it. If the
+    residuals are white, all of their samples know it. So each variance is moderated towards that of
+    white residuals, and has more degrees of freedom (Smyth 2004, *Linear models and empirical Bayes
+    methods*, section 3).
+
     Args:
         value: The fit, shape (P,).
         information: J'J of each window, shape (W, P, P).
         score: J'r of each window, r being fit minus data, shape (W, P).
         noise: Covariance of the sum of the scores by noise alone, shape (P, P), if it is known.
         bootstrap: Its constants.
+        residual: Mean square residual in noise variances, if the residuals are white; None if they
+            are not.
     """
     total = information.sum(axis=0)
     diagonal = np.diagonal(total)
@@ -124,10 +136,34 @@ def estimate(
     )
     carried = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
     effective = carried.sum(axis=0) ** 2 / np.maximum((carried**2).sum(axis=0), 1e-300)
-    known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))
+    known = np.zeros(len(value))
+    if noise is not None:
+        known = np.sqrt(np.diagonal(inverse @ noise @ inverse))
     freedom = np.minimum(effective, len(score) - len(value))
+    if residual is not None:
+        usual = max(residual, 1.0) * known**2
+        factor, more = _moderate_scatter(shares, usual, freedom, bootstrap)
+        shares, freedom = shares * factor, freedom + more
     draws = value + weights @ shares
     return Estimate(value, draws, identifiable, freedom, known, bootstrap.coverage)
+
+
+def _moderate_scatter(
+    shares: Array, usual: Array, freedom: Array, bootstrap: Bootstrap
+) -> tuple[Array, float]:
+    """Factors on the scatter of P parameters, shape (P,), and the degrees of freedom gained.
+
+    Args:
+        shares: What each of W windows moves them by, shape (W, P).
+        usual: Their variances by white residuals, shape (P,); 0 where unknown.
+        freedom: Degrees of freedom of their scatter, shape (P,).
+        bootstrap: Constants.
+    """
+    variance, more = (shares**2).sum(axis=0), bootstrap.white_freedom
+    there = (usual > 0) & (variance > 0)
+    own = np.maximum(freedom, 1)
+    ratio = np.where(there, usual, 1.0) / np.where(there, variance, 1.0)
+    return np.where(there, np.sqrt((own + more * ratio) / (own + more)), 1.0), more
 
 
 def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> Array:
@@ -610,8 +646,12 @@ class Fit(Generic[Problem_co]):
         names = self.problem.names
         return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
 
-    def estimate(self) -> Estimate:
-        """The parameters and their uncertainty, every window an independent observation."""
+    def estimate(self, *, white: bool = False) -> Estimate:
+        """The parameters and their uncertainty, every window an independent observation.
+
+        Args:
+            white: Whether the residuals are white, so that the noise is the same everywhere.
+        """
         line = self.found.linearisation
         free, _ = line.eliminate_starts()
         r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
@@ -629,6 +669,7 @@ class Fit(Generic[Problem_co]):
             np.concatenate((information, np.diag(precision)[None])),
             np.concatenate((score, (precision * (theta - mean))[None])),
             noise,
+            residual=float((line.r**2).sum() / self.problem.windows.size.sum()) if white else None,
         )
 
     def bound_bias(self, unexplained: float) -> Array:

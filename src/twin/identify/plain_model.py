@@ -162,7 +162,7 @@ class PredictionFit:
     level_history_s: float = 2.4
     level_std_m_s2: float = 0.1
     huber_error_m: float = 0.003
-    max_delay_and_lag_s: float = 0.4
+    max_delay_and_lag_s: float = 0.5
     initial_values: tuple[tuple[str, float], ...] = (
         ("dead_time", 0.1),
         ("lag", 0.1),
@@ -651,9 +651,14 @@ class AxisFit(Fit[AxisProblem]):
     rivals: tuple[tuple[str, float], ...] = ()
     how: AxisFitting = AXIS_FITTING
 
-    def estimate(self) -> Estimate:
-        """The parameters, as uncertain as what drives and lever may be makes them, too."""
-        own, names = super().estimate(), self.problem.names
+    def estimate(self, *, white: bool | None = None) -> Estimate:
+        """The parameters, as uncertain as what drives and lever may be makes them, too.
+
+        Args:
+            white: Whether the residuals are white; None to find that out.
+        """
+        white = self.explained if white is None else white
+        own, names = super().estimate(white=white), self.problem.names
         for each in self.profiles:
             for at, name in enumerate(names):
                 own.draws[:, at] += each.deviations[name]
@@ -690,7 +695,7 @@ class AxisFit(Fit[AxisProblem]):
         """The fit of other parameters, windows or parts of a log, begun from this one."""
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
-        found = _fit_from_guesses(log, problem, longest, guess, self.sigma, self.how)
+        found = fit_from_guesses(log, problem, longest, guess, self.sigma, self.how)
         return replace(found, noise=self.noise, pushed=self.pushed, rivals=self.rivals)
 
 
@@ -724,8 +729,8 @@ def fit_axis(
     search = how.search
     guess = problem.first_guesses(dead_time=search.delay_guesses_s)
     if look:
-        guess = np.vstack((guess, _guess_from(look, problem)))
-    brief = _fit_from_guesses(log, problem, search.first_window_s, guess, 2e-3, how)
+        guess = np.vstack((guess, guess_from(look, problem)))
+    brief = fit_from_guesses(log, problem, search.first_window_s, guess, 2e-3, how)
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
     pushed = brief.problem.windows.begin[rms > search.disturbed_residual_ratio * np.median(rms)]
     log = log.without(pushed, search.first_window_s)
@@ -737,13 +742,13 @@ def fit_axis(
         guess[:, names.index("friction")] = np.tile(frictions, 2)
     problem = replace(problem, names=names)
     if look:
-        guess = np.vstack((guess, _guess_from(look, problem)))
+        guess = np.vstack((guess, guess_from(look, problem)))
     sigma = brief.sigma * longest / search.first_window_s
-    fit = _fit_from_guesses(log, problem, longest, guess, sigma, how)
+    fit = fit_from_guesses(log, problem, longest, guess, sigma, how)
     return replace(fit, noise=brief.sigma, pushed=search.first_window_s * len(pushed))
 
 
-def _guess_from(look: FirstLook, problem: AxisProblem) -> Array:
+def guess_from(look: FirstLook, problem: AxisProblem) -> Array:
     """A guess of the parameters by a first look, shape (1, P).
 
     Gain, dead time, level, friction and camber are those of the look. Its delay is all taken as
@@ -759,7 +764,7 @@ def _guess_from(look: FirstLook, problem: AxisProblem) -> Array:
     return problem.first_guesses(**{k: [v] for k, v in seen.items() if k in problem.names})
 
 
-def _fit_from_guesses(
+def fit_from_guesses(
     log: AxisLog,
     problem: AxisProblem,
     longest: float,
@@ -901,7 +906,7 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
     drifting = replace(fit, problem=replace(fit.problem, drift=how.level_std_m_s2))
     for other in (
         drifting.refit(fit.log, fit.problem.names, longest),
-        replace(fit, found=fit.found._replace(theta=_fit_predictions(fit))),
+        replace(fit, found=fit.found._replace(theta=fit_to_predictions(fit))),
     ):
         left = _median_error(other, fit.log, follow=True)
         if left < least:
@@ -909,7 +914,7 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
     return found
 
 
-def _fit_predictions(fit: AxisFit) -> Array:
+def fit_to_predictions(fit: AxisFit) -> Array:
     """Parameters fitted to predictions of the log, the best of several prediction_times, (1, P)."""
     how, hold_out = fit.how.prediction, fit.how.hold_out
     problem = _prediction_problem(fit.log, fit, _thin_prediction_times(fit.log, fit.how))

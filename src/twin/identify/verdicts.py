@@ -96,6 +96,7 @@ class HoldOutPrediction:
     Attributes:
         horizons_s: Times ahead at which errors are scored.
         lead_s: Length of the samples from which a prediction starts.
+        baseline_s: The same of a ball that stays, and of one that goes on, at most.
         interval_s: Time between the beginnings of two predictions.
         min_motion_m: Distance above which the ball counts as moving.
         horizon_tolerance_s: Largest time between a horizon and the sample that stands for it.
@@ -104,6 +105,7 @@ class HoldOutPrediction:
 
     horizons_s: tuple[float, ...] = (0.5, 1.0, 2.0)
     lead_s: float = 0.4
+    baseline_s: float = 0.4
     interval_s: float = 0.5
     min_motion_m: float = 0.005
     horizon_tolerance_s: float = 0.06
@@ -181,9 +183,16 @@ def predict_windows(
     found = {}
     for k, axis in enumerate(axes):
         every = {who: place[..., k] for who, place in places.items()}
-        every |= _baselines(ahead, ball[..., k], known[..., k])
+        last = ahead >= -how.baseline_s - 1e-9
+        every |= _baselines(ahead, ball[..., k], _prefer(known[..., k], last))
         found[axis] = Predicted(windows.begin + lead, ahead, ball[..., k], every, how)
     return found
+
+
+def _prefer(known: Mask, wanted: Mask) -> Mask:
+    """What is wanted of each row of what is known; all of it where none is, shape (W, B)."""
+    found = np.asarray(known & wanted)
+    return np.asarray(np.where(found.any(axis=1, keepdims=True), found, known))
 
 
 def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:

@@ -90,11 +90,14 @@ class ExpectedFit(Fit[TwinProblem]):
 
     how: ForecastConstants = FORECAST
 
-    def estimate(self) -> Estimate:
+    def estimate(self, *, white: bool = False) -> Estimate:
         """The parameters and their uncertainty as ``identify`` has it, over draws of the noise.
 
         From white residuals the part is taken that the parameters would explain. The bootstrap
         draws of all draws of the noise are one sample.
+
+        Args:
+            white: Whether residuals are expected to be white.
         """
         line, information = self.found.linearisation, find_information(self)
         slopes = line.eliminate_starts()[0][0, ..., 1:]
@@ -104,7 +107,8 @@ class ExpectedFit(Fit[TwinProblem]):
             r = noise.standard_normal(line.r.shape)
             taken = np.linalg.solve(information, np.einsum("wmi,wm->i", slopes, r[0]))
             left = line._replace(r=r - line.by_parameter @ taken)
-            found.append(Fit(self.problem, self.found._replace(linearisation=left)).estimate())
+            one = Fit(self.problem, self.found._replace(linearisation=left))
+            found.append(one.estimate(white=white))
         return replace(
             found[0],
             draws=np.concatenate([each.draws for each in found]),

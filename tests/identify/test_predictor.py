@@ -1,0 +1,131 @@
+"""Tests of the choice of the fit by which an axis is predicted."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from docs.five_numbers import fit_five_numbers as fit_by_scipy
+from docs.five_numbers import predict_five_numbers
+from docs.identify_errors import Rig, simulate_log
+from twin.base.errors import LogError
+from twin.identify import any_rig, predictor
+from twin.identify.any_rig import identify_axes
+from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.plain_model import predict_axis, prediction_times
+from twin.identify.predictor import choose_lead, choose_predictor, fit_five_numbers
+
+PLAIN = Rig(
+    seconds=14.0, rate=50.0, gain=6.0, dead_time=0.1, lag=0.0, friction=0.03, viscous=0.3, level=0.1
+)
+"""A rig that five numbers describe."""
+
+
+def axis_of(seed: int, rig: Rig) -> AxisLog:
+    time, sampled, ball, command, _ = simulate_log(seed, rig)
+    return AxisLog(time, command, True, sampled, ball)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return fit_five_numbers(axis_of(1, PLAIN), (0.0, 0.5))
+
+
+def test_five_numbers_are_those_of_a_rig_that_has_no_more(plain):
+    gain = plain.value("gain") / plain.problem.tilt.scale
+    assert gain == pytest.approx(PLAIN.gain, rel=0.03)
+    assert plain.value("dead_time") == pytest.approx(PLAIN.dead_time, abs=0.006)
+    assert plain.value("level") == pytest.approx(PLAIN.level, abs=0.006)
+    assert plain.value("friction") == pytest.approx(PLAIN.friction, abs=0.006)
+    assert plain.value("viscous") == pytest.approx(PLAIN.viscous, abs=0.06)
+
+
+def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
+    fitted, unseen = axis_of(1, PLAIN), axis_of(2, PLAIN)
+    rival = fit_by_scipy(fitted.time, fitted.tilt, fitted.sampled, fitted.ball)
+    found = predict_axis(unseen, plain, prediction_times(unseen), follow=False)
+    errors = predict_five_numbers(
+        rival, unseen.time, unseen.tilt, unseen.sampled, unseen.ball, found.begin
+    )
+    own, other = (
+        np.nanmedian(np.abs(e[found.moves])) for e in (found.errors("model", 1.0), errors)
+    )
+    assert own < 1.2 * other
+    assert other < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("full", "five", "chosen"), [(5.0, 4.0, True), (5.0, 4.8, False), (3.0, 5.0, False)]
+)
+def test_five_numbers_are_taken_only_if_they_predict_clearly_better(
+    monkeypatch, plain, full, five, chosen
+):
+    errors = iter((full, five))
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: 1e-3 * next(errors))
+    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
+    given = SimpleNamespace(windowed=None, explained=False, log=None)
+    found, note = choose_predictor(given)
+    assert (found is plain) is chosen
+    assert ("five numbers" in note) is chosen
+
+
+def test_a_model_that_shows_no_gain_is_not_kept_for_its_predictions(monkeypatch, plain):
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: pytest.fail("compared"))
+    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
+    given = SimpleNamespace(windowed=None, explained=False, log=None)
+    found, note = choose_predictor(given, known=False)
+    assert found is plain
+    assert "does not show the gain" in note
+
+
+def test_a_model_that_explains_its_log_is_kept(monkeypatch):
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: pytest.fail("compared"))
+    given = SimpleNamespace(windowed=None, explained=True)
+    assert choose_predictor(given) == (given, "")
+
+
+def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):
+    noisy = axis_of(3, replace(PLAIN, noise=2e-3))
+    given = replace(plain, log=noisy)
+    found = choose_lead(given)
+    assert found.how.hold_out.lead_s > 0.4
+    at = prediction_times(noisy)
+    before, after = (predict_axis(noisy, each, at, follow=False) for each in (given, found))
+    medians = [np.nanmedian(np.abs(e.errors("model", 1.0)[e.moves])) for e in (before, after)]
+    assert medians[1] < 0.8 * medians[0]
+    for baseline in ("stays", "goes on"):  # these do not gain by it
+        own, other = (np.nanmedian(np.abs(e.errors(baseline, 1.0))) for e in (before, after))
+        assert own == pytest.approx(other, rel=0.05)
+
+
+def test_predictions_start_from_few_samples_where_the_model_is_wrong(plain):
+    wrong = plain.found._replace(theta=plain.found.theta * np.array([0.5, 1, 1, 1, 1]))
+    assert choose_lead(replace(plain, found=wrong)).how.hold_out.lead_s <= 0.4
+
+
+def test_each_half_is_predicted_by_a_fit_of_the_other(plain):
+    fitted = []
+
+    def refit(log):
+        fitted.append((log.sampled[0], log.sampled[-1]))
+        return plain
+
+    error = predictor._cross_validate(plain, refit, predictor.PREDICTOR_CHOICE)
+    (first, middle), (after, last) = fitted
+    assert first < middle < after < last
+    assert middle - first == pytest.approx(last - after, abs=0.1)
+    assert 0 < error < 2e-3
+
+
+def test_a_log_without_a_full_fit_is_predicted_by_five_numbers(monkeypatch):
+    def refuse(*_):
+        raise LogError("2 stretches")
+
+    monkeypatch.setattr(any_rig, "_select_model", refuse)
+    monkeypatch.setattr(any_rig, "_fit_usual_parameters", lambda *_: {})
+    logs = [AnyLog("rig.csv", {"x": axis_of(s, PLAIN)}, {"x": "rad"}, ()) for s in (1, 2)]
+    found = identify_axes(logs[:1], logs[1:])
+    assert found.scores[0].median["model"][1] < 3e-3
+    assert any("x: predictions are those of a plain model of five" in each for each in found.notes)
+    assert any("not identified: x: 2 stretches" in each for each in found.notes)
