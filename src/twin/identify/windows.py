@@ -200,6 +200,24 @@ class Spans(NamedTuple):
     resting: Mask
 
 
+def samples_in_bins(
+    time: Array, spans: Spans
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """The samples in windows: of which window, which sample, in which bin of it, shape (K,) each.
+
+    Args:
+        time: Of the samples in s, ascending, shape (N,).
+        spans: The windows.
+    """
+    end = spans.begin + spans.length + SAMPLE_BIN_S
+    first, stop = (np.searchsorted(time, at) for at in (spans.begin - SAMPLE_BIN_S, end))
+    row = np.repeat(np.arange(len(first)), stop - first)
+    sample = np.arange(len(row)) + (first - np.cumsum(stop - first) + stop - first)[row]
+    place = np.floor((time[sample] - spans.begin[row]) / SAMPLE_BIN_S + 1e-6).astype(int)
+    inside = (place >= 0) & (place < np.round(spans.length / SAMPLE_BIN_S)[row])
+    return row[inside], sample[inside], place[inside]
+
+
 def average_bins(
     row: NDArray[np.intp], place: NDArray[np.intp], windows: int, bins: int, *values: Array
 ) -> Iterator[Array]:
@@ -252,12 +270,9 @@ class Windows(SampleWindows):
         motion = plate_motion(segment, lag, log.own_lag)
         angle, rate = (interpolate(grid, segment.time, values) for values in motion)
         bins = round(longest / SAMPLE_BIN_S)
-        place = np.floor((segment.sampled - spans.begin[:, None]) / SAMPLE_BIN_S + 1e-6).astype(int)
-        row, sample = np.nonzero(
-            (place >= 0) & (place < np.round(spans.length / SAMPLE_BIN_S)[:, None])
-        )
+        row, sample, place = samples_in_bins(segment.sampled, spans)
         values = (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
-        time, x, y, count = average_bins(row, place[row, sample], len(begin), bins, *values)
+        time, x, y, count = average_bins(row, place, len(begin), bins, *values)
         moved = AccelerationField.of(log.model, angle, rate)
         there = np.arange(2)[:, None, None] < log.axes
         return cls(
