@@ -40,8 +40,8 @@ from twin.study.work import code, digest
 
 FAMILY = "uncertain"
 """The family of rigs from which healthy ones are drawn,"""
-DRAWS = (1_802, 1_803)
-"""and the draws: to judge, and for the laws."""
+DRAW = 1_802
+"""and the draw."""
 DURATION = 60.0
 """Seconds of a run."""
 AT = 20.0
@@ -62,12 +62,6 @@ INJECTED = 80_000
 """Seeds of rigs that something happens to,"""
 UNDER_LAWS = 200_000
 """and of those under other laws."""
-WATCHED = {"uneven": 400_000, "even": 500_000}
-"""Seeds of healthy rigs that are watched for false alarms only, by their screens."""
-WATCHED_DRAW = 1_804
-"""The draw of those of the family, with uneven screens."""
-WATCH_S = 180.0
-"""Seconds of a run that is watched for false alarms only."""
 HEALTHY_SCENARIOS = ("excite", "circle", "sine")
 UNEVEN = (0, 2.5, 5, 10, 15, 20.1)
 """Percent by which screens are uneven, between which replays are told apart."""
@@ -211,12 +205,11 @@ class Member(NamedTuple):
 
 
 class Job(NamedTuple):
-    """Rigs that are simulated side by side, under one law; watched ones for false alarms only."""
+    """Rigs that are simulated side by side, under one law."""
 
     scenario: str
     rigs: tuple[Member, ...]
     law: str = LAW
-    watched: bool = False
 
 
 def known(job: Job) -> list[dict[str, Any]]:
@@ -237,12 +230,9 @@ def carry_out(job: Job) -> list[dict[str, Any]]:
     percent the screen's friction differs from place to place.
     """
     found = []
-    seconds = WATCH_S if job.watched else DURATION
-    pairs = [
-        rig(each.seed, job.scenario, each.kind, each.drawn, job.law, seconds) for each in job.rigs
-    ]
+    pairs = [rig(each.seed, job.scenario, each.kind, each.drawn, job.law) for each in job.rigs]
     for each, (_, truth), log in zip(job.rigs, pairs, logs(pairs), strict=True):
-        said = shadow(log, belief_of(log), replaying=not job.watched)
+        said = shadow(log, belief_of(log))
         first = said.alarms[0] if said.alarms else None
         run = None if said.replays is None else said.replays.take(said.replays.counted)
         found.append(
@@ -253,7 +243,6 @@ def carry_out(job: Job) -> list[dict[str, Any]]:
                 "every": float(said.tests.ratio.max(initial=0.0)),
                 "late": float(said.tests.delayed.max(initial=0.0)),
                 "alarm": None if first is None else first.time,
-                "alarms": len(said.alarms),
                 "causes": [] if first is None else [cause.name for cause in likely(first.causes)],
                 "squares": [] if run is None else run.square.tolist(),
                 "errors": [] if run is None else run.distance.tolist(),
@@ -285,7 +274,6 @@ def trials(
     each: int,
     hours: float,
     laws: int,
-    watch: float,
     processes: int,
     progress: Callable[[float], None] = lambda _: None,
 ) -> pd.DataFrame:
@@ -294,13 +282,11 @@ def trials(
     Args:
         each: Rigs of each kind; every second one changes along a ramp, where there can be one.
         hours: Of healthy running to judge on.
-        laws: Healthy rigs, and rigs of each kind with goals, under each of the other laws.
-        watch: Hours of healthy running that are watched for false alarms only, half of them on
-            even screens.
+        laws: Rigs of each kind with goals, under each of the other laws.
         processes: That work side by side.
         progress: Called with the share of the work done.
     """
-    jobs = list(enumerate(_jobs(each, hours, laws, watch)))
+    jobs = list(enumerate(_jobs(each, hours, laws)))
     found: list[dict[str, Any]] = []
     for done, (_, some) in enumerate(results(known, jobs, processes)):
         found += some
@@ -308,44 +294,24 @@ def trials(
     return judged_rigs(found)
 
 
-def _jobs(each: int, hours: float, laws: int, watch: float) -> Iterator[Job]:
+def _jobs(each: int, hours: float, laws: int) -> Iterator[Job]:
     kinds = [*enumerate(KINDS)]
     changed = [Member(INJECTED + 1000 * k + n, kind) for n in range(each) for k, kind in kinds]
     judged = max(len(HEALTHY_SCENARIOS), round(hours * 3600 / DURATION))
-    family = read_family(FAMILY)
-    healthy = [
-        [rig.point for rig in drawn_rigs(family, draw, count)] if count else []
-        for draw, count in zip(DRAWS, (judged, laws), strict=True)
-    ]
+    healthy = [each.point for each in drawn_rigs(read_family(FAMILY), DRAW, judged)]
     for number, law in enumerate(each for each in LAWS if each != LAW):
         first = UNDER_LAWS + 10_000 * number
-        rigs = [Member(first + place, HEALTHY, point) for place, point in enumerate(healthy[1])]
-        rigs += [
+        rigs = [
             Member(first + 1000 * (k + 1) + n, kind)
             for n in range(laws)
             for k, kind in kinds[:GOALS]
         ]
         yield from (Job("excite", group, law) for group in _groups(rigs))
     yield from (Job("excite", group) for group in _groups(changed))
-    rigs = [Member(JUDGED + index, HEALTHY, point) for index, point in enumerate(healthy[0])]
+    rigs = [Member(JUDGED + index, HEALTHY, point) for index, point in enumerate(healthy)]
     for place, scenario in enumerate(HEALTHY_SCENARIOS):
         chosen = rigs[place :: len(HEALTHY_SCENARIOS)]
         yield from (Job(scenario, part) for part in _groups(chosen))
-    yield from _watched_jobs(round(watch * 3600 / WATCH_S / 2))
-
-
-def _watched_jobs(count: int) -> Iterator[Job]:
-    """As many healthy rigs with uneven and with even screens, to be watched for false alarms."""
-    drawn = drawn_rigs(read_family(FAMILY), WATCHED_DRAW, count) if count else []
-    points: dict[str, list[Drawn | None]] = {
-        "uneven": [each.point for each in drawn],
-        "even": [None] * count,
-    }
-    for screens, first in WATCHED.items():
-        rigs = [Member(first + n, HEALTHY, point) for n, point in enumerate(points[screens])]
-        for place, scenario in enumerate(HEALTHY_SCENARIOS):
-            chosen = rigs[place :: len(HEALTHY_SCENARIOS)]
-            yield from (Job(scenario, part, watched=True) for part in _groups(chosen))
 
 
 def _groups(rigs: Sequence[Member]) -> Iterator[tuple[Member, ...]]:
@@ -418,33 +384,12 @@ def goals(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str, str
         share(f"alarm in time for 95 %: {kind}", timely, rest, least=95)
         share(f"right cause in 90 %: {kind}", right, timely, least=90)
         share(f"wrong cause below 3 %: {kind}", timely - right, timely, most=3)
-    for screens, (many, hours) in _false(found).items():
-        if not hours:
-            continue
-        low, high = (24 * each for each in rates(many, hours))
-        name = f"healthy, {screens} screens: less than one false alarm in 24 h"
-        often = (
-            f"{24 * many / hours:.2g} ({low:.2g} to {high:.2g}) in 24 h, of {many} in {hours:.2f} h"
-        )
-        rows.append((name, often, said(low, high, 0.0, 1.0, "too few hours to tell")))
     error, within = 1000 * float(np.median(_every(judged, "errors"))), inside(judged)
     name = "healthy: replay error at 1 s at most 1 mm (median)"
     rows.append((name, f"{error:.2f} mm", said(error, error, 0.0, 1.0, "")))
     name = "healthy: 93 to 97 % inside the 95 % band"
     rows.append((name, f"{within:.1f} %", said(within, within, 93, 97, "")))
     return rows
-
-
-def _false(found: pd.DataFrame) -> dict[str, tuple[int, float]]:
-    """False alarms and hours of the rigs that were only watched, by their screens.
-
-    One rate does not hold for both: uneven screens hide most of a change of the dead time.
-    """
-    counts = {}
-    for screens, first in WATCHED.items():
-        some = found[found["seed"].between(first, first + 99_999)]
-        counts[screens] = int(some["alarms"].sum()), len(some) * WATCH_S / 3600
-    return counts
 
 
 def _every(some: pd.DataFrame, name: str) -> Array:
@@ -466,11 +411,6 @@ def _healthy(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str]]
     before = int(changed["early"].sum()), len(changed) * AT / 3600
     squares = _every(judged, "squares")
     rows = [
-        *(
-            (f"false alarms on watched rigs with {screens} screens", counted(*each))
-            for screens, each in _false(found).items()
-            if each[1]
-        ),
         (
             "false alarms on the rigs of this section",
             counted(int(judged["alarm"].notna().sum()), len(judged) * DURATION / 3600),
@@ -500,15 +440,12 @@ def _confusion(found: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
 
 
 def _laws(found: pd.DataFrame) -> list[tuple[str, ...]]:
-    """A row for every law: false alarms in healthy running, and alarms after a change."""
+    """A row for every law: alarms after a change."""
     tried = [law for law in LAWS if law in {*found["law"]}]
     rows = []
     for law in (*tried, *(("all of these",) if tried else ())):
         some = found[found["law"].isin(tried if law == "all of these" else [law])]
-        healthy, changed = (each for _, each in some.groupby(some["kind"] != HEALTHY))
-        many = int(healthy["alarm"].notna().sum())
-        false = counted(many, len(healthy) * DURATION / 3600)
-        rows.append((law, str(len(healthy)), false, *cells(changed)))
+        rows.append((law, *cells(some)))
     return rows
 
 
@@ -529,8 +466,6 @@ def page(every: pd.DataFrame, command: str) -> str:
         scenarios=HEALTHY_SCENARIOS,
         seconds=DURATION,
         judged=len(judged),
-        watched=[len(found[found["seed"].between(n, n + 99_999)]) for n in WATCHED.values()],
-        watch_s=WATCH_S,
         healthy=_healthy(found, judged),
         ramp=RAMP,
         in_time=IN_TIME,
@@ -544,19 +479,13 @@ def page(every: pd.DataFrame, command: str) -> str:
 @click.option("--each", type=click.IntRange(min=2), default=72, help="Rigs of each kind.")
 @click.option("--hours", type=click.FloatRange(min=0.1), default=4.0, help="Of healthy running.")
 @click.option("--laws", type=click.IntRange(min=0), default=2, help="Rigs of a kind for each law.")
-@click.option("--watch", type=click.FloatRange(min=0), default=48.0, help="Hours for false alarms.")
 @click.option("--doc", type=click.Path(path_type=Path), default=HERE / "shadow.md")
 @PROCESSES_OPTION
-def main(
-    each: int, hours: float, laws: int, watch: float, doc: Path, processes: int | None
-) -> None:
+def main(each: int, hours: float, laws: int, doc: Path, processes: int | None) -> None:
     """Try the shadow on simulated rigs, and write how good it is."""
-    command = (
-        f"uv run python docs/shadow_trials.py --each {each} --hours {hours:g} --laws {laws} "
-        f"--watch {watch:g}"
-    )
+    command = f"uv run python docs/shadow_trials.py --each {each} --hours {hours:g} --laws {laws}"
     with progress("rigs that something happens to, and healthy ones", 1.0) as advance:
-        text = page(trials(each, hours, laws, watch, processes or cores(), advance), command)
+        text = page(trials(each, hours, laws, processes or cores(), advance), command)
     write_whole(doc, lambda path: path.write_text(text, encoding="utf-8"))
 
 

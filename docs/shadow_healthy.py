@@ -1,0 +1,220 @@
+"""Makes shadow_healthy.md: how often the shadow raises an alarm on simulated rigs that are well.
+
+uv run python docs/shadow_healthy.py
+
+Rigs of the mechanism under AFL, with uneven and with even screens, and the former under every other
+law. What has been simulated is kept in runs/shadow_healthy and used again while the code stays the
+same, so that more hours cost only the new ones.
+"""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import pandas as pd
+
+from docs.pages import HERE, filled, kept, write
+from docs.shadow_trials import FAMILY, HEALTHY, HEALTHY_SCENARIOS, LAW, LAWS, rates, rig
+from twin.base.errors import LogError
+from twin.base.jobs import cores, results
+from twin.cli.options import PROCESSES_OPTION
+from twin.cli.output import progress
+from twin.shadow.alarms import CHANGE_TEST, DEAD_TIME_TEST, likely
+from twin.shadow.belief import belief_of, logs
+from twin.shadow.follow import shadow
+from twin.study.schema import draw_rigs, read_family
+from twin.study.work import code, digest
+
+SEEDS = {"uneven": 400_000, "even": 500_000}
+"""First seeds of the rigs under AFL, by their screens,"""
+UNDER_LAWS = 600_000
+"""and of those under other laws, ``PER_LAW`` apart."""
+PER_LAW = 10_000
+DRAWS = {LAW: 1_804, "others": 1_805}
+"""The draws of rigs with uneven screens."""
+RUN_S = 180.0
+"""Seconds of a run."""
+TOGETHER = 30
+"""Rigs of each sort of screens, under AFL, that are simulated side by side: a period costs little
+more for more of them."""
+LAW_TOGETHER = 4
+"""Rigs under each of the other laws that are simulated side by side, all laws in one batch."""
+ALLOWED_PER_H = 1 / 24
+"""False alarms an hour that are allowed."""
+TESTS = ("every", "late")
+"""Tests of which the largest log-likelihood ratio is kept: of all causes, of the dead time."""
+
+
+class Watched(NamedTuple):
+    """A healthy rig: number in its draw, screen and law."""
+
+    number: int
+    screens: str
+    law: str = LAW
+
+    @property
+    def seed(self) -> int:
+        """Of its noise and of the twin's errors."""
+        if self.law == LAW:
+            return SEEDS[self.screens] + self.number
+        return UNDER_LAWS + PER_LAW * list(LAWS).index(self.law) + self.number
+
+    @property
+    def scenario(self) -> str:
+        """What it does."""
+        return HEALTHY_SCENARIOS[self.number % len(HEALTHY_SCENARIOS)]
+
+
+def known(job: tuple[Watched, ...]) -> list[dict[str, Any]]:
+    """What is said of the rigs of a job: as kept, or tried and then kept."""
+    room = sorted(Path(str(files("twin.shadow"))).rglob("*.py"))
+    trial = (HERE / "shadow_trials.py").read_text(encoding="utf-8")
+    how = " ".join(each.read_text(encoding="utf-8") for each in room)
+    own = inspect.getsource(Watched) + inspect.getsource(carry_out)
+    key = digest(f"{code()} {how} {trial} {own} {RUN_S} {job!r}")
+    return kept("shadow_healthy", key, lambda: carry_out(job))
+
+
+def carry_out(job: Sequence[Watched]) -> list[dict[str, Any]]:
+    """Simulate the rigs of a job and let the twin watch each: a row for each in JSON.
+
+    Which rig it is, why it gave no verdict, seconds that were watched, the alarms and their causes,
+    the largest log-likelihood ratios of both tests, and the share of the job's processor time in s
+    that it took to simulate and to watch a rig.
+    """
+    family, begun = read_family(FAMILY), time.process_time()
+    draws = {
+        law: draw_rigs(family, draw, 1 + max(each.number for each in job))
+        for law, draw in DRAWS.items()
+    }
+    pairs = []
+    for each in job:
+        points = draws[each.law if each.law in draws else "others"]
+        drawn = points[each.number].point if each.screens == "uneven" else None
+        pairs.append(rig(each.seed, each.scenario, HEALTHY, drawn, each.law, RUN_S))
+    recorded = logs(pairs)
+    simulated = time.process_time()
+    found = []
+    for each, log in zip(job, recorded, strict=True):
+        about = {**each._asdict(), "scenario": each.scenario}
+        try:
+            said = shadow(log, belief_of(log), replaying=False)
+        except LogError as error:
+            nothing = {"length": 0.0, "alarms": [], "every": 0.0, "late": 0.0}
+            found.append({**about, "why": str(error), **nothing})
+            continue
+        alarms = [
+            {"time": alarm.time, "causes": [cause.name for cause in likely(alarm.causes)]}
+            for alarm in said.alarms
+        ]
+        every, late = (
+            float(ratio.max(initial=0.0)) for ratio in (said.tests.ratio, said.tests.delayed)
+        )
+        largest = {"every": every, "late": late}
+        found.append({**about, "why": "", "length": said.length, "alarms": alarms, **largest})
+    spent = {
+        "simulating": (simulated - begun) / len(job),
+        "watching": (time.process_time() - simulated) / len(job),
+    }
+    return [row | spent for row in found]
+
+
+def jobs(hours: float, laws: float) -> Iterator[tuple[Watched, ...]]:
+    """Rigs that are simulated side by side, the first ones the same however many there are.
+
+    Args:
+        hours: Of each sort of screens under AFL.
+        laws: Hours under each of the other laws.
+    """
+    count, others = (round(each * 3600 / RUN_S) for each in (hours, laws))
+    for begin in range(0, count, TOGETHER):
+        numbers = range(begin, min(begin + TOGETHER, count))
+        yield tuple(Watched(number, screens) for screens in SEEDS for number in numbers)
+    for begin in range(0, others, LAW_TOGETHER):
+        numbers = range(begin, min(begin + LAW_TOGETHER, others))
+        yield tuple(Watched(n, "uneven", law) for law in LAWS if law != LAW for n in numbers)
+
+
+def verdict(alarms: int, hours: float) -> str:
+    """What a count says of the rate that is allowed, by its 95 % interval."""
+    low, high = rates(alarms, hours)
+    if high <= ALLOWED_PER_H:
+        return "shown"
+    return "**refuted**" if low > ALLOWED_PER_H else "not shown"
+
+
+def counts(rows: pd.DataFrame, name: str) -> tuple[str, ...]:
+    """A row of a table: rigs, hours, false alarms, how often in 24 h, what that says."""
+    hours, alarms = float(rows["length"].sum()) / 3600, int(rows["alarms"].str.len().sum())
+    low, high = (24 * each for each in rates(alarms, hours))
+    often = f"{24 * alarms / hours:.3g} ({low:.3g} to {high:.3g})"
+    return name, str(len(rows)), f"{hours:.1f}", str(alarms), often, verdict(alarms, hours)
+
+
+def raised(rows: pd.DataFrame) -> list[tuple[str, ...]]:
+    """A row of a table for each false alarm: the rig, when, and what it was held to be."""
+    return [
+        (row["law"], row["screens"], row["scenario"], str(row["number"]), f"{alarm['time']:.0f}",
+         ", ".join(alarm["causes"]) or "-")
+        for row in rows.to_dict("records") for alarm in row["alarms"]
+    ]  # fmt: skip
+
+
+def page(found: Iterable[Mapping[str, Any]], command: str) -> str:
+    """The page in Markdown.
+
+    Args:
+        found: What was said of every rig.
+        command: That makes this page.
+    """
+    rows = pd.DataFrame(found)
+    own, others = rows[rows["law"] == LAW], rows[rows["law"] != LAW]
+    sorts = [counts(own[own["screens"] == screens], screens) for screens in SEEDS]
+    laws = [counts(others[others["law"] == law], law) for law in LAWS if law in {*others["law"]}]
+    peaks = [
+        (screens, *(f"{some[test].quantile(q):.1f}" for test in TESTS for q in (0.5, 0.99, 1.0)))
+        for screens, some in own.groupby("screens", sort=False)
+    ]  # fmt: skip
+    spent = [3600 / RUN_S * float(own[name].mean()) for name in ("simulating", "watching")]
+    return filled(
+        "shadow_healthy",
+        command=command,
+        seconds=RUN_S,
+        scenarios=HEALTHY_SCENARIOS,
+        sorts=[*sorts, counts(own, "both")],
+        laws=[*laws, counts(others, "all of these")] if laws else [],
+        raised=raised(rows),
+        peaks=peaks,
+        thresholds=(CHANGE_TEST.threshold_llr, DEAD_TIME_TEST.threshold_llr),
+        spent=spent,
+        needed=rates(0, 1.0)[1] / ALLOWED_PER_H,
+    )
+
+
+@click.command()
+@click.option("--hours", type=click.FloatRange(min=0.05), default=24.0, help="Of each screens.")
+@click.option("--laws", type=click.FloatRange(min=0), default=2.0, help="Hours under each law.")
+@PROCESSES_OPTION
+def main(hours: float, laws: float, processes: int | None) -> None:
+    """Watch healthy simulated rigs, and write how many false alarms there were."""
+    found: list[dict[str, Any]] = []
+    every = list(enumerate(jobs(hours, laws)))
+    with progress("healthy rigs", 1.0) as advance:
+        for done, (_, some) in enumerate(results(known, every, processes or cores())):
+            found += some
+            advance((done + 1) / len(every))
+    command = f"uv run python docs/shadow_healthy.py --hours {hours:g} --laws {laws:g}"
+    write(HERE / "shadow_healthy.md", page(found, command))
+
+
+if __name__ == "__main__":
+    # what other processes work on has to lie in a module
+    from docs.shadow_healthy import main as of_module
+
+    of_module()
