@@ -19,7 +19,7 @@ from twin.scenario import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.study import compiled
 from twin.study.schema import draw_rigs, read_family
-from twin.study.work import Builder, Row, ScenarioRuns, carry_out
+from twin.study.work import Builder, Row, ScenarioRuns, carry_out, controller_key
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc)")
 
@@ -124,8 +124,21 @@ def test_rows_are_those_of_numpy_however_a_run_ends():
     assert_same(expected, found, 1e-6)
 
 
+def test_a_rig_with_another_error_of_its_cams_has_the_same_controller():
+    one, other = (scenario(f"rig.cam_error_percent=[{error}, 1.0]") for error in (2.5, -2.5))
+    assert controller_key(one) == controller_key(other)
+    assert controller_key(one) != controller_key(scenario("rig.limits.rate_deg=20"))
+
+
 @pytest.mark.long
 def test_one_library_serves_all_rigs_of_one_controller():
+    wrong = [
+        scenario(f"rig.cam_error_percent=[{error}, 1.0]", seconds=3.0) for error in (2.5, -2.5)
+    ]
+    assert compiled.compiled_runs(wrong[0]) is compiled.compiled_runs(wrong[1])
+    expected, found = rows_of(wrong)
+    assert expected[0]["rms_error"] != expected[1]["rms_error"]
+    assert_same(expected, found, 1e-6)
     rigs = [scenario(f"seed={n}", f"plant.surface.seed={n}", *RIGS["uneven"][:1]) for n in (1, 2)]
     assert compiled.compiled_runs(rigs[0]) is compiled.compiled_runs(rigs[1])
     gains = scenario("controller.kind=lqr")
