@@ -866,7 +866,7 @@ class StableInversion(AboutMotion):
     for none. More than half the play of the drives crosses the play twice in each round, so that
     the mean tilt follows the command without a measurement of it; likewise a dead band."""
     dither_hz: Annotated[float, Gt(0), Le(20)] = 5.0
-    """Rounds of that circle in a second."""
+    """Rounds of that circle in Hz."""
     rate_bias: bool = False
     """Whether a law about drives with a lag counts the plate's estimated rate beyond the commanded
     one: play changes the plate's rate all the time. With ``Q_slow`` only while the ball is to keep
