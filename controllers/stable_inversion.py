@@ -12,10 +12,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import scipy
+from annotated_types import Ge, Gt, Le
 
 from controllers.arrays import (
     ARRAY_ARITHMETIC,
@@ -860,6 +861,12 @@ class StableInversion(AboutMotion):
     moved: friction is then fed forward along the ball's own heading, as there is no other. 0 for
     never."""
 
+    dither_deg: Annotated[float, Ge(0), Le(2)] = 0.0
+    """Amplitude in deg of a circle that the plate's tilt goes round in addition to the motion; 0
+    for none. More than half the play of the drives crosses the play twice in each round, so that
+    the mean tilt follows the command without a measurement of it; likewise a dead band."""
+    dither_hz: Annotated[float, Gt(0), Le(20)] = 5.0
+    """Rounds of that circle in Hz."""
     rate_bias: bool = False
     """Whether a law about drives with a lag counts the plate's estimated rate beyond the commanded
     one: play changes the plate's rate all the time. With ``Q_slow`` only while the ball is to keep
@@ -974,6 +981,10 @@ class StableInversion(AboutMotion):
         return by.least(by.most(eta, -most), most)
 
 
+FREE_SLOPES = (4, 5, 6, 10)
+"""Components of an ``InverseMotion`` that are the slope without friction and its derivatives."""
+
+
 class InverseMotion(NamedTuple):
     """The desired motion of the ball along one axis, and the slopes for it by the inverse.
 
@@ -1058,3 +1069,16 @@ class InversePlan(Slices):
         parts = position[:count], velocity[:count], pace, going, *self._free_planned, *drag, *jerks
         for number, each in enumerate(parts):
             self._next[:, number] = each
+        if self._law.dither_deg:
+            self._next[:, FREE_SLOPES] += self._dithered(count)
+
+    def _dithered(self, count: int) -> Array:
+        """Slope of the dither and its three derivatives in the next slice, (count, 4, ..., 2)."""
+        law, ticks = self._law, self._first + count + np.arange(count)
+        w = 2 * math.pi * law.dither_hz
+        phase = w * self._period * ticks[:, None]
+        circle = np.stack((np.sin(phase), np.cos(phase)), axis=-1)
+        turned = np.stack((circle[..., 1], -circle[..., 0]), axis=-1)
+        swing = np.concatenate((circle, w * turned, -(w**2) * circle, -(w**3) * turned), axis=1)
+        rigs = (1,) * (self._next.ndim - 3)
+        return math.radians(law.dither_deg) * swing.reshape(count, 4, *rigs, 2)

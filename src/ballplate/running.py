@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import (
     AbstractContextManager,
@@ -326,7 +327,7 @@ EARLIER_WARNING = "the dead time is {:.0f} ms shorter than predictor.delay", 15
 
 
 def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
-    """Warn of an unstable loop, a slow observer, or a delay that the cure does not assume.
+    """Warn of an unstable loop, a slow observer, a dither or a delay that is too large.
 
     Args:
         scenario: What is to run.
@@ -345,6 +346,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
         unstable += UNSTABLE_ADVICE.format(law)
     dangers = [unstable]
     dangers.append(slow_observer(controller.law, controller.observer))
+    dangers.append(weakened_dither(controller.law, scenario))
     dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
     assumed = scenario.rig.plate_lag
     encoders = getattr(scenario.observer, "plate", "") != "modelled"
@@ -360,6 +362,24 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     for danger in dangers:
         if danger:
             reporter.warn(f"{label}: {danger}" if label else danger)
+
+
+def weakened_dither(law: Any, scenario: Scenario) -> str:
+    """Whether a dither needs more than the commands' limits, as one line; empty if not.
+
+    Drives with a lag T are commanded sqrt(1 + (w T)^2) times the circle of the plate.
+    """
+    law, limits = getattr(law, "law", law), scenario.rig.limits
+    w = 2 * math.pi * getattr(law, "dither_hz", 0.0)
+    swing = getattr(law, "dither_deg", 0.0) * math.hypot(1, w * scenario.rig.plate_lag)
+    rate, acceleration = swing * w, math.radians(swing) * w**2
+    if rate <= limits.rate_deg and acceleration <= limits.acceleration:
+        return ""
+    return (
+        f"controller.dither_deg: needs {rate:.3g} deg/s and {acceleration:.3g} rad/s^2 at "
+        f"dither_hz = {law.dither_hz:g}; rig.limits allows {limits.rate_deg:g} and "
+        f"{limits.acceleration:g}, so the plate swings less"
+    )
 
 
 def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> None:

@@ -199,6 +199,16 @@ def test_30_ms_later_or_15_ms_less_dead_time_than_the_cure_believes_is_a_warning
     assert not any("\n" in each for each in found)
 
 
+def test_a_dither_beyond_the_limits_of_the_commands_is_a_warning():
+    # a lag of 60 ms at 7 Hz: 2.82 times the circle of the plate
+    shaken = ["parameters=hobby", "controller.dither_hz=7"]
+    assert not dangers("cure", *shaken, "controller.dither_deg=0.4")
+    (line,) = dangers("cure", *shaken, "controller.dither_deg=0.5")
+    assert "needs 62.1 deg/s and 47.6 rad/s^2 at dither_hz = 7" in line
+    (line,) = dangers("cure", *shaken, "controller.dither_deg=0.4", "rig.limits.rate_deg=40")
+    assert "rig.limits allows 40 and 40" in line
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("rig", "lag", "delay", "told"),

@@ -55,6 +55,7 @@ CASES = {
     "afl": {"name": "cure_afl"},
     "frames": FRAMES,
     "modelled": {"observer__plate": "modelled", "rig__plate_lag": 0.02},
+    "dither": {"controller__dither_deg": 0.3, "rig__plate_lag": 0.02},
 }
 
 

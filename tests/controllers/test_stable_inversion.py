@@ -363,3 +363,54 @@ def test_constants_of_the_algorithm_are_arguments_and_no_settings_of_a_scenario(
     assert StableInversion().control(0.0, pushed, path, none)[0, 0] < 0.0
     short = replace(law, slicing=Slicing(periods=10)).ahead(pushed, path, T)
     assert (short.count, law.ahead(pushed, path, T).count) == (10, 25)
+
+
+def slopes_of(law, x, ticks, time=0.0):
+    """Slope and three derivatives of each tick along both axes, (ticks, 2, 4, ...)."""
+    plan = InversePlan(law, x, Circle(amplitude=0.1, omega=1.0), T, time)
+    times = time + T * np.arange(ticks)
+    return np.array([[[*axis.free, axis.jerk[0]] for axis in plan.at(t)] for t in times])
+
+
+def test_a_dither_adds_a_circle_of_the_tilt_and_its_derivatives_to_the_motion():
+    law, ticks, begin = StableInversion(), 130, 0.5  # over five slices, from a later start
+    shaken = replace(law, dither_deg=0.3, dither_hz=7.0)
+    x = np.zeros(8)
+    added = slopes_of(shaken, x, ticks, begin) - slopes_of(law, x, ticks, begin)
+    angle = math.radians(0.3) * np.exp(1j * 2 * math.pi * 7.0 * (begin + T * np.arange(ticks)))
+    for order in range(4):
+        derivative = angle * (2j * math.pi * 7.0) ** order
+        tolerance = 1e-12 * (2 * math.pi * 7.0) ** order
+        np.testing.assert_allclose(added[:, 0, order], derivative.imag, rtol=0, atol=tolerance)
+        np.testing.assert_allclose(added[:, 1, order], derivative.real, rtol=0, atol=tolerance)
+
+
+def test_each_rig_has_the_same_dither_to_the_last_bit():
+    law = StableInversion(dither_deg=0.3)
+    several = slopes_of(law, np.zeros((3, 8)), 60)
+    np.testing.assert_array_equal(several[..., 1], slopes_of(law, np.zeros(8), 60))
+
+
+def test_a_dither_crosses_the_play_of_the_drives_so_that_the_mean_tilt_is_the_commanded_one():
+    play = math.radians(0.3)
+
+    def worst_mean(dither):
+        """Largest error in rad of the plate's tilt, as the mean of a round, over a slow path."""
+        law, ticks, turn = StableInversion(dither_deg=dither), 3000, 100
+        tilt, plate = slopes_of(law, np.zeros(8), ticks)[:, 0, 0], 0.0
+        still = slopes_of(StableInversion(), np.zeros(8), ticks)[:, 0, 0]
+        errors = []
+        for wanted, slow in zip(tilt, still, strict=True):
+            plate = min(max(plate, wanted - play / 2), wanted + play / 2)
+            errors.append(plate - slow)
+        means = np.convolve(errors[turn:], np.ones(turn) / turn, "valid")
+        return np.abs(means).max()
+
+    assert worst_mean(0.0) == pytest.approx(math.radians(0.15), rel=0.01)
+    assert worst_mean(0.3) < math.radians(0.03)
+
+
+@pytest.mark.parametrize("key", [{"dither_deg": 2.1}, {"dither_deg": -0.1}, {"dither_hz": 21.0}])
+def test_a_dither_out_of_range_is_refused(key):
+    with pytest.raises(ValueError, match=f"{next(iter(key))} must be a finite number"):
+        StableInversion(**key)

@@ -160,8 +160,21 @@ def simulated(*of: Scenario) -> list[Motion | None]:
     return library_of(of[0]).run([rig_of(each) for each in of])
 
 
+def test_a_rig_with_another_error_of_its_cams_has_the_same_controller():
+    one, other = (scenario(f"rig.cam_error_percent=[{error}, 1.0]") for error in (2.5, -2.5))
+    assert controller_key(one) == controller_key(other)
+    assert controller_key(one) != controller_key(scenario("rig.limits.rate_deg=20"))
+
+
 @pytest.mark.long
 def test_one_library_serves_all_rigs_of_one_controller():
+    wrong = [
+        scenario(f"rig.cam_error_percent=[{error}, 1.0]", seconds=3.0) for error in (2.5, -2.5)
+    ]
+    assert library_of(wrong[0]) is library_of(wrong[1])
+    expected, found = rows_of(wrong)
+    assert expected[0]["rms_error"] != expected[1]["rms_error"]
+    assert_same(expected, found, 1e-6)
     rigs = [scenario(f"seed={n}", f"plant.surface.seed={n}", *RIGS["uneven"][:1]) for n in (1, 2)]
     assert library_of(rigs[0]) is library_of(rigs[1])
     assert library_of(scenario("controller.kind=lqr")) is not library_of(scenario())

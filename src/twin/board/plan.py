@@ -8,6 +8,7 @@ spread in C too.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,9 @@ class Plan(NamedTuple):
         spread: Time in s over which a jump of ``jump_m`` is spread.
         jump_m: Length of a jump that is spread over that time, m.
         min_jump_m: Distance above which the ball at the start is off the path, m.
+        dither: Amplitude of the dither, rad; 0 for none.
+        dither_rate: Its rate, rad/s.
+        dither_step: The same in rad per control period.
     """
 
     length: int
@@ -45,6 +49,9 @@ class Plan(NamedTuple):
     spread: float
     jump_m: float
     min_jump_m: float
+    dither: float
+    dither_rate: float
+    dither_step: float
 
     @property
     def numbers(self) -> int:
@@ -94,4 +101,7 @@ def plan_of(law: StableInversion, control: Control) -> Plan:
         law.spread,
         jumps.reference_jump_m,
         jumps.min_jump_m,
+        math.radians(law.dither_deg),
+        2 * math.pi * law.dither_hz,
+        2 * math.pi * law.dither_hz * period,
     )
