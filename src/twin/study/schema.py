@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from controllers.arrays import Array
-from twin.base.errors import ScenarioError, nearest
+from twin.base.errors import ScenarioError
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_model, check_named_once, read_model
 from twin.run.files import MOTION_INDICATORS, nearest_indicator
