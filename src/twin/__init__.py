@@ -1,5 +1,4 @@
 """A digital twin of a cam-driven ball-and-plate rig."""
 
 from twin import installation as installation
-from twin.base import lean_can as lean_can
 from twin.base import parts as parts

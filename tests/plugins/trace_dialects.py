@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import can
 
-from twin.base.lean_can import load_measurement_files
-
 
 class Dialect(NamedTuple):
     """A format of traces.
@@ -316,7 +314,6 @@ def python_can(frames):
     """Written by python-can by the ending of the file."""
 
     def write(file):
-        load_measurement_files()
         with can.Logger(file) as writer:
             for each in frames:
                 writer(each)

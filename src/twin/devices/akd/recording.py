@@ -14,7 +14,6 @@ from typing import Any
 
 import can
 
-from twin.base.lean_can import ENDING, load_measurement_files
 from twin.devices.akd import TRACE_FILE
 from twin.devices.akd.trace_files.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from twin.devices.akd.traces import SEAL_FILE, part_of, parts
@@ -111,8 +110,6 @@ class TraceWriter:
         if file.name == TRACE_FILE:
             file.with_name(SEAL_FILE).unlink(missing_ok=True)
         file.parent.mkdir(parents=True, exist_ok=True)
-        if ENDING in file.name.lower():
-            load_measurement_files()
         self._logger = can.Logger(file, channel=channel)
 
     def write(self, messages: Iterable[can.Message]) -> None:

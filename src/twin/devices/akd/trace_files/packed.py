@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, BinaryIO
 
-from twin.base.lean_can import load_measurement_files
 from twin.devices.akd.trace_files.frames import Notes, TracedFrame, classic_frame
 
 if TYPE_CHECKING:
@@ -47,7 +46,6 @@ def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None
     """Measurement files (.mf4), where asammdf is installed."""
     import can  # noqa: PLC0415  takes 0.2 s
 
-    load_measurement_files()
     with _unpack(raw, file) as plain, can.MF4Reader(plain) as reader:
         yield from map(_of_message, reader)
 
