@@ -19,9 +19,9 @@ from docs.pages import HERE, driven, filled, kept, planned, said, write
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion
 from twin.scenario.schema import Scenario
-from twin.study.compiled import compiled_runs
+from twin.study.compiled import CompiledRig, compiled_runs, surface_of
 from twin.study.schema import draw_rigs, read_family
-from twin.study.work import Builder, c_code, code, digest
+from twin.study.work import Builder, c_code, code, controller_key, digest
 
 RECORD = {"median": 3.2, "p90": 6.9, "largest": 12.4, "hold": 2.6}
 """Published of the hardware, mm: distance from the shape, median and 90 % quantile of the frames,
@@ -55,7 +55,8 @@ def scenarios(
 
 def motion_of(scenario: Scenario) -> Motion | None:
     """The motion of a rig in compiled code; None if the ball was lost."""
-    return compiled_runs(scenario).run(scenario)
+    rig = CompiledRig(scenario, surface_of(scenario))
+    return compiled_runs(rig, controller_key(scenario)).run([rig])[0]
 
 
 def errors(motion: Motion | None, during: Mask | None, path: Array | None) -> dict[str, Any]:
