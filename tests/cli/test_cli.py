@@ -52,7 +52,11 @@ EVERY = dict(every_command())
 COMMAND = re.compile(r"^(?:\$ | {4})?(?:uv run )?ballplate ([a-z].*)$", re.MULTILINE)
 """A command that a page shows: in a block, indented or after a prompt."""
 ROOT = Path(__file__).parents[2]
-PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+PAGES = [
+    page
+    for page in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"))
+    if not page.name.endswith(".template.md")
+]
 
 
 def parsed(line):

@@ -151,7 +151,7 @@ def test_an_example_rig_file_makes_the_devices_that_it_names(name, servos, scree
     [
         ("drives", "camera.py:Camera", "derived from ballplate.hardware.ServoHardware"),
         ("touch", "servos.py:Servos", "derived from ballplate.hardware.ScreenHardware"),
-        ("touch", "arduino.py:Arduino", "is servos as well"),
+        ("touch", "arduino.py:Arduino", "includes servos"),
     ],
 )
 def test_a_class_of_the_other_half_is_refused(role, name, words):

@@ -211,7 +211,7 @@ def test_rows_of_one_frame_are_one_sample_where_their_age_is_told(tmp_path):
     ("columns", "says"),
     [
         ("time=ms:ms,measured_x=x", "command_phi or measured_phi, for measured_x"),
-        ("measured_x=x,command_phi=u", "tell time"),
+        ("measured_x=x,command_phi=u", "give time"),
         ("time=ms:ms,mesured_x=x", "role one of time"),
         ("time=ms:hours,measured_x=x,command_phi=u", "unit 'hours'"),
         ("time=ms:ms,measured_x=ball,command_phi=u", r"no column ball \(it has ms, X"),

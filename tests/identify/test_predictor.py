@@ -1,4 +1,4 @@
-"""Tests of the choice of the fit by which an axis is predicted."""
+"""`twin.identify.predictor`: the choice of the fit by which an axis is predicted."""
 
 from dataclasses import replace
 from types import SimpleNamespace
