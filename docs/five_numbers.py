@@ -165,7 +165,9 @@ def _guess(windows: _Windows, dead_time: float) -> Array:
     return np.array([gain, level, dead_time, 0.01, 0.1])
 
 
-def fit_five_numbers(time: Array, command: Array, sampled: Array, ball: Array) -> FiveNumbers:
+def fit_five_numbers_by_scipy(
+    time: Array, command: Array, sampled: Array, ball: Array
+) -> FiveNumbers:
     """The model by robust least squares of predictions over 1 s, from several first guesses.
 
     Args:

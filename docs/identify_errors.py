@@ -20,8 +20,8 @@ import click
 import numpy as np
 
 from controllers.arrays import Array
-from docs.five_numbers import fit_five_numbers, predict_five_numbers
-from docs.pages import HERE, filled, kept, write
+from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
+from docs.pages import HERE, clopper_pearson, filled, kept, write
 from twin.base.errors import LogError
 from twin.cli.output import progress
 from twin.identify.any_rig import identify_axes, join_logs
@@ -314,7 +314,7 @@ def identify_rig(kind: str, seed: int) -> dict[str, Any]:
 def _compare_errors(fitted: AxisLog, held: AxisLog, found: Predicted | None) -> dict[str, Any]:
     """Median errors of the predictions of an axis after 1 s where the ball moves, m."""
     known, unseen = join_logs([fitted]), join_logs([held])
-    plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
+    plain = fit_five_numbers_by_scipy(known.time, known.tilt, known.sampled, known.ball)
     if found is None:
         return {}
     off = predict_five_numbers(
@@ -380,6 +380,7 @@ def make_page(found: dict[str, list[dict[str, Any]]]) -> str:
         tube_seconds=TUBE_SECONDS,
         rows=rows,
         checked=CHECKED,
+        interval=clopper_pearson,
     )
 
 

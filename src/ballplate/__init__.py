@@ -28,10 +28,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import MetaPathFinder
+from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 from ballplate import own as own
 from ballplate.changes import Changes, Keys, describe, law, model, scenarios
@@ -103,6 +104,23 @@ _LAZY_NAMES = {
 """Modules that not every program needs, and what is in them."""
 
 
+class _RegisterAfterwards(Loader):
+    """Loads gymnasium by its own loader, then registers the environments."""
+
+    def __init__(self, loader: Loader) -> None:
+        self._loader = loader
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        return self._loader.create_module(spec)
+
+    def exec_module(self, module: ModuleType) -> None:
+        self._loader.exec_module(module)
+        try:
+            import_module("ballplate.gym")
+        except Exception as error:  # noqa: BLE001  gymnasium itself must load whatever it is
+            warn(f"ballplate's environments are not registered: {error}", stacklevel=2)
+
+
 class _EnvironmentsWithGymnasium(MetaPathFinder):
     """Registers the environments as soon as gymnasium is loaded, which reads no entry points."""
 
@@ -112,23 +130,18 @@ class _EnvironmentsWithGymnasium(MetaPathFinder):
         if name != "gymnasium":
             return None
         others = sys.meta_path[sys.meta_path.index(self) + 1 :]
-        found = (each.find_spec(name, path, target) for each in others)
+        found = (
+            each.find_spec(name, path, target) for each in others if hasattr(each, "find_spec")
+        )
         spec = next((each for each in found if each is not None), None)
-        if spec is None or spec.loader is None:
-            return None
-        load = spec.loader.exec_module
-
-        def load_and_register(module: ModuleType) -> None:
-            load(module)
-            import_module("ballplate.gym")
-
-        spec.loader.exec_module = load_and_register  # type: ignore[method-assign]
+        if spec is not None and spec.loader is not None:
+            spec.loader = _RegisterAfterwards(spec.loader)
         return spec
 
 
 if "gymnasium" in sys.modules:
     import_module("ballplate.gym")
-else:
+elif not any(type(each).__name__ == _EnvironmentsWithGymnasium.__name__ for each in sys.meta_path):
     sys.meta_path.insert(0, _EnvironmentsWithGymnasium())
 
 

@@ -139,6 +139,15 @@ importlib.reload(ballplate)
 import gymnasium
 assert "ballplate/Track-v0" in gymnasium.registry
 """
+BROKEN = """
+import sys, warnings, ballplate
+sys.modules["ballplate.gym"] = None
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    import gymnasium
+assert "environments are not registered" in str(said[0].message)
+assert "ballplate/Track-v0" not in gymnasium.registry
+"""
 SCRIPT = """
 {}
 for name in ("ballplate/Hold-v0", "ballplate:ballplate/Hold-v0", "ballplate.gym:ballplate/Hold-v0"):
@@ -154,7 +163,7 @@ ORDERS = (
 
 @pytest.mark.parametrize(
     "program",
-    [NOTHING_LOADED, RELOADED, *(pytest.param(SCRIPT.format(order), marks=pytest.mark.long)
+    [NOTHING_LOADED, RELOADED, BROKEN, *(pytest.param(SCRIPT.format(order), marks=pytest.mark.long)
      for order in ORDERS)],
 )  # fmt: skip
 def test_the_environments_are_there_in_any_order_of_imports(program):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from docs.five_numbers import fit_five_numbers, predict_five_numbers
+from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import TUBE, Rig, simulate_log
 from twin.identify import fallback
 from twin.identify.any_rig import (
@@ -123,7 +123,7 @@ def test_the_report_names_numbers_of_the_plain_model(log):
 
 @pytest.mark.long
 def test_five_numbers_are_found_by_scipy_on_a_linear_rig(log):
-    found = fit_five_numbers(log.time, log.tilt, log.sampled, log.ball)
+    found = fit_five_numbers_by_scipy(log.time, log.tilt, log.sampled, log.ball)
     assert found.gain == pytest.approx(7.007, rel=0.02)
     assert found.damping == pytest.approx(0.8, abs=0.06)
     assert found.dead_time == pytest.approx(0.1, abs=0.01)
@@ -145,7 +145,7 @@ def test_another_run_is_predicted_at_least_as_well_as_by_five_numbers(rig):
         logs.append(AnyLog(f"{seed}.csv", {"x": axis}, {"x": "rad"}, ()))
     found = identify_axes(logs[:1], logs[1:]).predictions["x"]
     known, held = (join_logs([each.axes["x"]]) for each in logs)
-    plain = fit_five_numbers(known.time, known.tilt, known.sampled, known.ball)
+    plain = fit_five_numbers_by_scipy(known.time, known.tilt, known.sampled, known.ball)
     other = predict_five_numbers(plain, held.time, held.tilt, held.sampled, held.ball, found.begin)
     medians = [np.nanmedian(np.abs(e[found.moves])) for e in (found.errors("model", 1.0), other)]
     assert medians[0] <= medians[1]

@@ -22,6 +22,7 @@ from twin.scenario import load
 from twin.shadow.alarms import words_of
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
 from twin.shadow.follow import LiveFollower
+from twin.sim.plant.rim import Reach
 
 ROLLING_MM, LEVEL_DEG, BANDWIDTH_HZ = 0.07, 0.08, 2.65
 """Truth of the beam of these tests; its file has 0.05 mm and no tilt."""
@@ -97,7 +98,7 @@ def test_nothing_of_an_axis_that_is_not_counts(short):
 def test_a_ball_at_a_wall_is_left_out(short):
     log = read(short[1])
     inner = float(np.quantile(np.abs(log.ball[:, 0]), 0.9))
-    walled = Log(**{**vars(log), "walls": (inner, np.inf)})
+    walled = Log(**{**vars(log), "walls": Reach((inner, np.inf))})
     usable = prepare(walled)
     assert any(note.startswith("ball at a wall") for note in usable.notes)
     at = np.concatenate([segment.time for segment in usable.segments])
@@ -106,10 +107,21 @@ def test_a_ball_at_a_wall_is_left_out(short):
     assert usable.length < prepare(log).length
 
 
+def test_a_ball_at_a_round_wall_is_left_out_between_the_axes():
+    angle = np.linspace(0.0, 2 * np.pi, 1001)
+    inside = 0.09 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    reach = Reach.of((0.2, 0.2), 0.01, "round")
+    assert reach.is_met(inside, 1e-3).all()
+    assert not reach.is_met(0.98 * inside, 1e-3).any()
+    between = np.abs(inside[:, 0]) < 0.085
+    square = Reach.of((0.2, 0.2), 0.01, "rectangle")
+    assert not square.is_met(inside[between & (np.abs(inside[:, 1]) < 0.085)], 1e-3).any()
+
+
 def test_a_run_knows_its_walls():
     tube = load("line", ["parameters=tube"]).model_dump(mode="json")
     nothing = dict.fromkeys(("time", "measured_x", "measured_phi"), np.zeros(0))
-    assert of_columns(nothing, {"scenario": tube}, "tube").walls == (0.044 - 0.004, np.inf)
+    assert of_columns(nothing, {"scenario": tube}, "tube").walls == Reach((0.044 - 0.004, np.inf))
 
 
 def test_one_axis_of_a_plate_may_not_be_missing_alone(tmp_path, capsys, monkeypatch):

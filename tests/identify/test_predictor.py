@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from docs.five_numbers import fit_five_numbers as fit_by_scipy
-from docs.five_numbers import predict_five_numbers
+from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
 from twin.identify import any_rig, predictor
@@ -43,7 +42,7 @@ def test_five_numbers_are_those_of_a_rig_that_has_no_more(plain):
 
 def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
     fitted, unseen = axis_of(1, PLAIN), axis_of(2, PLAIN)
-    rival = fit_by_scipy(fitted.time, fitted.tilt, fitted.sampled, fitted.ball)
+    rival = fit_five_numbers_by_scipy(fitted.time, fitted.tilt, fitted.sampled, fitted.ball)
     found = predict_axis(unseen, plain, prediction_times(unseen), follow=False)
     errors = predict_five_numbers(
         rival, unseen.time, unseen.tilt, unseen.sampled, unseen.ball, found.begin

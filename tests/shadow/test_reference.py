@@ -91,7 +91,13 @@ def test_a_mistake_is_one_line(line, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize(
     ("gain", "word", "factor"),
-    [(6.95, "solid", 5 / 7), (5.9, "hollow", 3 / 5), (-7.2, "solid", 5 / 7)],
+    [
+        (6.95, "solid", 5 / 7),
+        (5.9, "hollow", 3 / 5),
+        (-7.2, "solid", 5 / 7),
+        (6.6, "neither", 3 / 5),
+        (12.0, "neither", 3 / 5),
+    ],
 )
 def test_the_ball_of_a_reference_is_the_one_its_gain_is_nearest_to(gain, word, factor):
     about = plain_parameter("gain", "rad")
@@ -114,11 +120,12 @@ def test_the_ball_of_a_reference_is_the_one_its_gain_is_nearest_to(gain, word, f
     )
     assert found.factor == pytest.approx(factor)
     assert any(f"taken as {word}" in note for note in found.notes) == (word == "solid")
+    assert any("give --ball" in note for note in found.notes) == (word == "neither")
     ball, push = found.ball, 9.81 * factor
     inertia = float(found.settings({"identified"})["plant.ball.inertia"].split("#")[0])
     assert 1 / (1 + inertia / (ball.mass * ball.radius**2)) == pytest.approx(factor, rel=1e-4)
     error = found.settings({"identified"}).get("rig.cam_error_percent", "")
-    if gain > 0:  # tilt per command times the ball's share stays what the log shows
+    if 0 < gain < 10:  # tilt per command times the ball's share stays what the log shows
         first = float(error.strip("[").split(",")[0])
         assert push * (1 + first / 100) == pytest.approx(gain, rel=1e-3)
         assert "-0]" not in error.replace("-0.", "")

@@ -412,6 +412,10 @@ def _fit_axes(
         found += verdicts
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
+    notes += [
+        f"{axis}: a prediction starts from {1000 * fit.how.hold_out.lead_s:.0f} ms of positions"
+        for axis, fit in fits.items()
+    ]
     return fits, found, reasons, notes
 
 

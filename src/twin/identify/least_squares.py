@@ -150,8 +150,8 @@ def estimate(
 
 def _moderate_scatter(
     shares: Array, usual: Array, freedom: Array, bootstrap: Bootstrap
-) -> tuple[Array, float]:
-    """Factors on the scatter of P parameters, shape (P,), and the degrees of freedom gained.
+) -> tuple[Array, Array]:
+    """Factors on the scatter of P parameters and the degrees of freedom gained, each of shape (P,).
 
     Args:
         shares: What each of W windows moves them by, shape (W, P).
@@ -163,7 +163,8 @@ def _moderate_scatter(
     there = (usual > 0) & (variance > 0)
     own = np.maximum(freedom, 1)
     ratio = np.where(there, usual, 1.0) / np.where(there, variance, 1.0)
-    return np.where(there, np.sqrt((own + more * ratio) / (own + more)), 1.0), more
+    factors = np.sqrt((own + more * ratio) / (own + more))
+    return np.where(there, factors, 1.0), np.where(there, more, 0.0)
 
 
 def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -37,6 +37,7 @@ from twin.run.logs import (
 )
 from twin.run.readers import ForeignTable
 from twin.scenario.schema import Scenario
+from twin.sim.plant.rim import UNLIMITED_REACH, Reach
 
 MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
 RATE_COLUMNS = ("applied_phi_rate", "applied_theta_rate")
@@ -71,7 +72,7 @@ class Log:
             where it is not known.
         late: How long after its time each row was taken, s, shape (K,); None if unknown.
         axes: Number of axes of the rig; of 1 the second is 0 everywhere.
-        walls: Farthest places of the ball between walls along x and y, m; infinite without any.
+        walls: How far walls let the ball go.
         scenario: What a run of this program was started with; empty for any other log.
     """
 
@@ -87,7 +88,7 @@ class Log:
     grips: tuple[float, ...]
     late: Array | None = None
     axes: int = 2
-    walls: tuple[float, float] = (math.inf, math.inf)
+    walls: Reach = UNLIMITED_REACH
     scenario: Mapping[str, Any] = field(default_factory=dict)
 
     def with_ball(self, factor: float) -> Log:
@@ -213,16 +214,10 @@ def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
     return {
         "model": model,
         "axes": int(plant.get("axes", 2)),
-        "walls": farthest_places(between, model.radius),
+        "walls": Reach.of(between, model.radius, plant.get("shape", "")),
         "own_lag": period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
         "grips": PLANT_GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
     }
-
-
-def farthest_places(between: Sequence[float], radius: float) -> tuple[float, float]:
-    """How far a ball comes between walls along x and y, m; infinite where the distance is 0."""
-    x, y = (each / 2 - radius if each > 0 else math.inf for each in between)
-    return x, y
 
 
 def rig_of(scenario: Mapping[str, Any]) -> str:
@@ -478,7 +473,9 @@ class AnyLog:
             own_lag=0.0,
             grips=(0.0,),
             axes=1 if list(self.axes) == ["x"] else 2,
-            walls=farthest_places(scenario.plant.rim.size, scenario.plant.ball.radius),
+            walls=Reach.of(
+                scenario.plant.rim.size, scenario.plant.ball.radius, scenario.plant.shape
+            ),
         )
 
 

@@ -298,8 +298,8 @@ def prepare(log: Log) -> PreparedLog:
 
 def _find_wall_contacts(log: Log, sigma: Array) -> Mask:
     """Rows in which the ball may touch a wall, shape (K,)."""
-    allowed = log.walls - (WALL_MARGIN_M + WALL_NOISE_STDS * sigma)
-    return np.asarray((np.abs(np.nan_to_num(log.ball)) > allowed).any(axis=-1))
+    margin = WALL_MARGIN_M + WALL_NOISE_STDS * sigma
+    return log.walls.is_met(np.nan_to_num(log.ball), margin)
 
 
 def interpolate(at: Array, time: Array, values: Array) -> Array:

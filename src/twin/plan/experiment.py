@@ -22,7 +22,7 @@ from twin.shadow.belief import logs
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 
-EXCITATIONS = {1: ("line", "excite", "circle"), 2: ("excite", "circle", "sine")}
+EXCITATIONS = {1: ("line", "excite"), 2: ("excite", "circle", "sine")}
 """Shipped scenarios that are compared if none is chosen, by the number of axes of the rig."""
 FAMILY, OWN_FAMILY = "uncertain", "own"
 """Families of what is not known of the thesis's rig, and of any other."""

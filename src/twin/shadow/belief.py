@@ -14,7 +14,7 @@ from controllers.ballplate import BallPlate
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError
 from twin.base.settings import from_scenarios
-from twin.identify.logs import AnyLog, Log, farthest_places, of_columns
+from twin.identify.logs import AnyLog, Log, of_columns
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem
 from twin.identify.windows import Windows
@@ -24,6 +24,7 @@ from twin.run.record import Recorder
 from twin.scenario.load import check, load_recorded, put, read, resolve, setting
 from twin.scenario.schema import Scenario
 from twin.sim.plant.friction import Friction
+from twin.sim.plant.rim import Reach
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
@@ -199,9 +200,10 @@ class Belief:
         return np.asarray(variances[..., None] * np.eye(len(WATCHED_PARAMETERS)))
 
     @property
-    def walls(self) -> tuple[float, float]:
-        """How far the ball comes between walls along x and y, m; infinite without any."""
-        return farthest_places(self.scenario.plant.rim.size, self.model.radius)
+    def walls(self) -> Reach:
+        """How far walls let the ball go."""
+        plant = self.scenario.plant
+        return Reach.of(plant.rim.size, self.model.radius, plant.shape)
 
     @property
     def uncertainty(self) -> Array:

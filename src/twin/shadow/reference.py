@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from twin.identify.any_rig import AxisIdentification, identify_axes
 from twin.identify.logs import GRAVITY_SHARES, ball_factor, read, read_any, wanted_columns
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE
@@ -14,6 +16,10 @@ from twin.identify.report import write
 from twin.identify.twin_model import identify_twin
 from twin.identify.verdicts import IDENTIFIED_VERDICT, Identification
 from twin.scenario.load import load
+
+MAX_GAIN_ERROR = 0.05
+"""Share by which the gain of a rig may differ from that of its ball. The gains of hollow and solid
+balls differ by 19 %."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +52,11 @@ class Reference:
         what = (
             "; ".join(known) or "nothing, so that the twin is the rig as the project describes it"
         )
-        ball = [note for note in self.found.notes if note.startswith("the ball is taken as")]
+        ball = [
+            note
+            for note in self.found.notes
+            if note.startswith(("the ball is taken as", "the gain is neither"))
+        ]
         return f"reference {self.found.source}: identified: {what}{'; '.join(('', *ball))}."
 
     def as_dict(self) -> dict[str, Any]:
@@ -58,21 +68,29 @@ class Reference:
 
 
 def _with_shown_ball(found: AxisIdentification) -> AxisIdentification:
-    """What was identified, with the ball that its gain is nearest to: hollow or solid.
+    """What was identified, with the only ball that its gains can be of: hollow or solid.
 
     A log shows only the product of tilt per command and the ball's share of gravity, so that this
     is what is written; a ball that is not the rig's makes a different twin all the same, where the
     product is beyond what a scenario takes as an error of the tilt.
     """
     gains = [
-        abs(each.value)
+        each.value
         for each in found.verdicts
         if each.name.startswith("gain_") and each.word == IDENTIFIED_VERDICT and each.value
     ]
     if not gains:
         return found
-    shown = sum(gains) / len(gains) / found.ball.gravity
-    name, factor = min(GRAVITY_SHARES.items(), key=lambda each: abs(each[1] - shown))
+    shown = np.abs(gains) / found.ball.gravity
+    near = [
+        (name, factor)
+        for name, factor in GRAVITY_SHARES.items()
+        if np.all(np.abs(shown / factor - 1) <= MAX_GAIN_ERROR)
+    ]
+    if len(near) != 1:
+        note = "the gain is neither that of a solid nor that of a hollow ball; give --ball"
+        return replace(found, notes=(*found.notes, note))
+    ((name, factor),) = near
     if factor == found.factor:
         return found
     note = f"the ball is taken as {name}, which the gain is nearest to; --ball states it"

@@ -14,6 +14,7 @@ from twin.devices.realtime import describe_lateness
 from twin.run.assemble import build_law
 from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
+from twin.sim.plant.rim import Reach
 
 MIN_TURNING_RAD = 0.99 * 2 * math.pi
 """Turning of a reference in rad above which delay and scale of a path can be separated."""
@@ -118,11 +119,8 @@ class Diagnosis:
 def _touches_wall(run: Run, ball: Array) -> Mask:
     """Whether a ball at places (K, 2) in m touches a wall, shape (K,)."""
     plant = run.scenario.plant
-    allowed = [side / 2 - plant.ball.radius if side > 0 else np.inf for side in plant.rim.size]
-    reach = np.abs(ball)
-    if plant.shape == "round":
-        reach = np.hypot(*ball.T)[:, None]
-    return np.asarray((reach > np.subtract(allowed, WALL_DISTANCE_M)).any(axis=-1))
+    reach = Reach.of(plant.rim.size, plant.ball.radius, plant.shape)
+    return reach.is_met(ball, WALL_DISTANCE_M)
 
 
 def _stuck(motion: Motion) -> float | None:

@@ -12,13 +12,15 @@ the screen holds the ball against the rest.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.arrays import ARRAY_ARITHMETIC, NUMBER_ARITHMETIC, Array, Number
+from controllers.arrays import ARRAY_ARITHMETIC, NUMBER_ARITHMETIC, Array, Mask, Number
 from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import check, setting
 
@@ -64,6 +66,45 @@ class Rim:
     def given(self) -> bool:
         """Whether any plate has walls."""
         return bool(np.any(self.size))
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far walls let the middle of a ball go.
+
+    Attributes:
+        farthest: Along x and y in m; infinite without walls.
+        rounded: Whether the wall is a circle.
+    """
+
+    farthest: tuple[float, float] = (math.inf, math.inf)
+    rounded: bool = False
+
+    @classmethod
+    def of(cls, size: Sequence[float], radius: float, shape: str) -> Reach:
+        """The reach of a ball.
+
+        Args:
+            size: Distances between opposite walls in m; 0 for none.
+            radius: Of the ball in m.
+            shape: Of the plate, as ``plant.shape`` states it.
+        """
+        x, y = (each / 2 - radius if each > 0 else math.inf for each in size)
+        return cls((x, y), shape == "round")
+
+    def is_met(self, ball: Array, margin: ArrayLike) -> Mask:
+        """Whether balls at places (K, 2) in m are as near to a wall as a margin in m, shape (K,).
+
+        The margin has the shape () or (2,).
+        """
+        allowed = np.subtract(self.farthest, margin)
+        if self.rounded:
+            return np.asarray(np.hypot(*ball.T) > allowed.min())
+        return np.asarray((np.abs(ball) > allowed).any(axis=-1))
+
+
+UNLIMITED_REACH = Reach()
+"""Without walls."""
 
 
 class Walls:
