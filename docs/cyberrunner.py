@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from controllers.arrays import Array, Mask
+from docs.cure_family import quantile
 from docs.pages import HERE, driven, filled, kept, planned, said, write
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion
@@ -28,6 +29,8 @@ RECORD = {"median": 3.2, "p90": 6.9, "largest": 12.4, "hold": 2.6}
 mean of the largest; and the median distance from the middle at rest."""
 LAPS = {"first": 0, "third": 2}
 """Laps that are evaluated, and how many are before each."""
+CURE = "the cure"
+"""Name of the law with which one thing at a time is turned off."""
 EVERY = 5
 """Periods from one instant that is evaluated to the next."""
 
@@ -146,9 +149,8 @@ def with_gains(plan: Mapping[str, Any], law: Mapping[str, Any]) -> dict[str, Any
 
 def cell(rows: Sequence[Mapping[str, Any]], name: str, share: float) -> str:
     """A quantile over rigs in mm, lost balls counted as worst; a dash where it is one."""
-    values = sorted(np.inf if each[name] is None else 1000 * each[name] for each in rows)
-    value = values[min(int(np.ceil(share * len(values))), len(values)) - 1]
-    return said(None if np.isinf(value) else value, ".1f")
+    value = quantile([each[name] for each in rows], share)
+    return said(None if value is None else 1000 * value, ".1f")
 
 
 def row(name: str, rows: Sequence[Mapping[str, Any]], record: float) -> tuple[str, ...]:
@@ -185,7 +187,8 @@ def tables(plan: Mapping[str, Any]) -> dict[str, Any]:
         rows = known("hold", runs, held, hold["from"])
         found["hold"].append(row(law["name"], rows, RECORD["hold"]))
         click.echo(f"hold: {law['name']}")
-    cure, few = laws[-2], rigs[: plan["again"]]
+    found["cured"] = next(each for each in found["hold"] if each[0] == CURE)
+    cure, few = next(law for law in laws if law["name"] == CURE), rigs[: plan["again"]]
     lap = timed(shapes[0]["start"] + (1 + max(LAPS.values())) * shapes[0]["lap"])
     for cause, keys in plan["causes"].items():
         turning = [*shapes[0]["set"], lap, *keys]

@@ -46,6 +46,7 @@ def write(name: str, folder: Path, screen: int | None = None, samples: int | Non
     text = filled(
         "study", title=asked.title, about=report.what_ran(done.work),
         sentences=report.sentences(asked, found), stem=stem,
+        study_name=Path(name).stem, screen=screen, asked=samples,
         pictures={each: report.REPORT_WORDS["figures"][each] for each in pictures},
         heading=compared.title, compared=markdown(compared.heads, compared.rows),
         lines=[line for each in screened if isinstance(each, Text) for line in each.lines],

@@ -171,8 +171,8 @@ text = f"""
 After {LOOKS * STEPS:,} steps the tracking error in the last look is {np.nanmin(last):.2f} to
 {np.nanmax(last):.2f} % over {SEEDS} seeds of learning, with {int(np.isnan(last).sum())} lost.
 {"No seed reaches" if not (last <= far).any() else "A seed reaches"} the error of the cure,
-{far:.3g} %; the curve shows how much more learning might give. PPO has no memory of friction,
-so it cannot learn that of a rig while it runs, as the observer of the cure does.
+{far:.3g} %. PPO has no memory of friction, so it cannot learn that of a rig while it runs, as the
+observer of the cure does.
 
 Budget: {SEEDS} seeds, {LOOKS * STEPS * 0.02 / 3600:.1f} h of simulated time each.
 """
@@ -184,9 +184,7 @@ made = (
 )
 about = [line[2:] for line in Path(__file__).read_text("utf-8").split("# %%")[1].splitlines()[1:]]
 page = "\n".join([about[0], "", made, "program is `examples/learning_ppo.py`.", "", *about[1:]])
-more = (
-    "\nNext: [eight numbers that are learned](learning.md) in a twentieth of the simulated time.\n"
-)
+more = "\nNext: [eight numbers that are learned](learning.md).\n"
 Path("learning_ppo.md").write_text(page.rstrip() + "\n" + text + more, "utf-8")
 figure = Figure(figsize=(8, 4.2), layout="constrained")
 axes, count = figure.subplots(), STEPS * np.arange(1, LOOKS + 1) / 1e6

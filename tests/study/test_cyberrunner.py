@@ -77,9 +77,10 @@ def test_laps_are_those_of_the_shape_and_a_lost_ball_has_none(monkeypatch):
 
 def test_what_is_turned_off_gives_way_to_no_rig():
     rigs = page.drawn(PLAN, PLAN["draw"], 2)
+    (cure,) = [law for law in PLAN["laws"] if law["name"] == page.CURE]
     assert rigs[0][0]["plant.surface.slope_deg"] > 0
     for cause, keys in PLAN["causes"].items():
-        runs = page.scenarios(PLAN, PLAN["laws"][-2], [*PLAN["hold"]["set"], *keys], rigs)
+        runs = page.scenarios(PLAN, cure, [*PLAN["hold"]["set"], *keys], rigs)
         for run in runs:
             assert run.plant.ball.radius == 0.0065
             given = run.model_dump(mode="json")
