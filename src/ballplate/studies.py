@@ -403,9 +403,10 @@ def study(
         processes: Processes to use; all processors by default.
         scheduler: Address of a Dask scheduler that has the workers.
         reporter: Receives progress; a notebook has its own.
-        screen: So many times as many further points on the exact equations, in compiled C where
-            that is possible: estimates of the mechanism from both, with the bias of the exact
-            equations, and the worst and best points on the mechanism.
+        screen: Of a ``montecarlo`` or ``sobol`` study so many times as many further points on the
+            exact equations, in compiled C where that is possible: estimates of the mechanism from
+            both, with the bias of the exact equations, and the worst and best points on the
+            mechanism.
         keys: Keys in place of the study's own, as ``samples=8`` or ``seeds=2``.
 
     Raises:
@@ -469,16 +470,17 @@ def screen_of(name: str | Mapping[str, Any], work: Work, times: int) -> Screen:
         times: Points on the exact equations for each on the mechanism.
 
     Raises:
-        ScenarioError: If it cannot be screened, as when the exact equations do not have a setting.
+        ScenarioError: If it cannot be screened, as when the exact equations do not have a setting
+            or its points are not drawn independently.
     """
     from twin.study.compiled import knows
     from twin.study.screen import Screen
 
     try:
-        screen = Screen(work, times)
-        exact = screen.paired
-        if all(knows(exact.scenario(task)) for task in exact.first_of_each_variant):
-            screen = Screen(work, times, "c")
+        screen = Screen(work, times, "c")
+        works = (screen.paired, screen.wide)
+        if not knows(each.scenario(task) for each in works for task in each.tasks):
+            screen = Screen(work, times)
     except ScenarioError as error:
         called = work.study.title if isinstance(name, Mapping) else name
         raise ScenarioError(f"study {called}: {error}") from error

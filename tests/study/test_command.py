@@ -118,7 +118,9 @@ def test_a_screened_study_says_what_ran_on_which_plant(study, tmp_path, monkeypa
     code, out, _ = study(*told, "--plan")
     assert code == 0
     assert "16 runs, 16 of them left" in out
-    assert "12 of the runs are on the exact equations" in out
+    words = " ".join(out.split())
+    assert "12 of the runs are on the exact equations, and up to 8 more on the mechanism" in words
+    assert json.loads(study(*told, "--plan", "--json")[1])["checked_at_most"] == 8
     code, out, _ = study(*told)
     assert code == 0
     assert "4 runs on the mechanism" in " ".join(out.split())
@@ -128,11 +130,13 @@ def test_a_screened_study_says_what_ran_on_which_plant(study, tmp_path, monkeypa
     assert {each["which"] for each in found["checked"]} == {"worst", "best"}
 
 
-def test_a_grid_is_not_screened(study) -> None:
+@pytest.mark.parametrize("method", ["grid", "lhs"])
+def test_points_that_are_not_drawn_independently_are_not_screened(study, tmp_path, method) -> None:
+    (tmp_path / "short.toml").write_text(STUDY.replace('"grid"', f'"{method}"\nsamples = 2'))
     code, _, error = study("short.toml", "--screen", "2")
     assert code == 2
     assert len(error.strip().splitlines()) == 1
-    assert "short.toml: screen: method must be montecarlo, lhs or sobol" in error
+    assert "short.toml: screen: method must be montecarlo or sobol" in error
 
 
 @pytest.mark.long

@@ -4,6 +4,7 @@ Runs in C against those in numpy: motions to rounding, indicators, endings, refu
 
 from __future__ import annotations
 
+import itertools
 import shutil
 
 import numpy as np
@@ -114,6 +115,27 @@ def test_a_rig_has_the_same_bits_alone_and_next_to_others(rig):
         found = simulated(*beside)[beside.index(of)]
         np.testing.assert_array_equal(found.ball, alone[0])
         np.testing.assert_array_equal(found.u, alone[1])
+
+
+def test_what_one_rig_feels_changes_no_bit_of_another():
+    felt = {
+        "plain": (),
+        "sticking": ("plant.friction.breakaway_ratio=1.5", "plant.friction.dwell_time=0.2"),
+        "bending": ("plant.friction.presliding_um=200",),
+        "walled": ("plant.rim.size=[0.28, 0.28]",),
+    }
+    moving = ("seed=3", "plant.start.x=0.1", "plant.start.x_rate=0.2")
+    of = [scenario(*moving, *settings) for settings in felt.values()]
+    library, rigs = library_of(of[0]), [rig_of(each) for each in of]
+    assert {id(library_of(each)) for each in of} == {id(library)}
+    alone = [(m.ball.copy(), m.u.copy()) for (m,) in (library.run([rig]) for rig in rigs)]
+    for one, other in itertools.combinations(alone, 2):
+        assert (one[0] != other[0]).any()
+    for order in ((0, 1, 2, 3), (3, 2, 1, 0)):
+        together = library.run([rigs[k] for k in order])
+        for k, found in zip(order, together, strict=True):
+            np.testing.assert_array_equal(found.ball, alone[k][0])
+            np.testing.assert_array_equal(found.u, alone[k][1])
 
 
 def test_another_seed_has_other_noise():

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pytest
 
 import ballplate as bp
+from ballplate.studies import screen_of
 from twin.base.errors import ScenarioError
 from twin.run.files import MOTION_INDICATORS
 from twin.study import compiled
@@ -20,7 +21,7 @@ from twin.study.report import answers, write
 from twin.study.schema import Study
 from twin.study.screen import CHECKED_POINTS, Screen, Screened
 from twin.study.screen_report import blocks, numbers_of
-from twin.study.work import Work
+from twin.study.work import Design, Work
 
 ROLLING, PRELOAD, SPEED = (
     "plant.friction.rolling_mm",
@@ -76,9 +77,7 @@ def screened(about: Study, times: int = 3, runs: Runs | None = None) -> tuple[Sc
     return Screen(work, times).carry_out(runs(work), runs), runs
 
 
-@pytest.mark.parametrize(
-    "method", ["montecarlo", "lhs", pytest.param("sobol", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("method", ["montecarlo", pytest.param("sobol", marks=pytest.mark.long)])
 def test_a_bias_is_found_and_the_mechanism_estimated_without_it(method):
     found, (_, paired, wide, checked) = (each := screened(study(method)))[0], each[1].works
     (bias,) = found.biases
@@ -162,7 +161,8 @@ def test_a_page_and_json_show_all_of_it(tmp_path):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"method": "grid"}, "screen: method must be montecarlo, lhs or sobol"),
+        ({"method": "grid"}, "screen: method must be montecarlo or sobol, .* got grid"),
+        ({"method": "lhs"}, "screen: method must be montecarlo or sobol, .* got lhs"),
         ({"set": ("plant.kind=lagrange",), "parameters": {ROLLING: UNIFORM[ROLLING]}}, "already"),
         ({"set": ("plant.spring.preload=50",)}, "the exact equations have no spring"),
         ({"parameters": {PRELOAD: UNIFORM[PRELOAD]}}, "have none of the study's parameters"),
@@ -181,10 +181,37 @@ def test_python_simulates_what_c_does_not_know(monkeypatch):
     engines = []
     for more in ((), ("controller.kind=mpc",)):
         work = Work(study(samples=4, set=("baseline=false", "duration=0.1", *more)))
-        engines.append(bp.studies.screen_of("t", work, 2).engine)
+        engines.append(screen_of("t", work, 2).engine)
     monkeypatch.setattr(compiled, "find_c_compiler", lambda: None)
-    engines.append(bp.studies.screen_of("t", Work(study(samples=4)), 2).engine)
+    engines.append(screen_of("t", Work(study(samples=4)), 2).engine)
     assert engines == ["c", "python", "python"]
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "engine"),
+    [
+        ("controller.kind", ("afl", "lqr"), "c"),
+        ("controller.kind", ("afl", "mpc"), "python"),
+        ("controller.computing_time", (0.0, 0.001), "python"),
+        ("rig.limits.rate_deg", range(20, 21 + compiled.MOST_CONTROLLERS), "python"),
+    ],
+)
+def test_c_is_chosen_only_if_it_knows_every_point(monkeypatch, key, values, engine):
+    monkeypatch.setattr(compiled, "find_c_compiler", lambda: "cc")
+    fixed = ("baseline=false", "duration=0.1")
+    about = study(samples=len(values), set=fixed, parameters={key: {"values": tuple(values)}})
+    every = Design({key: np.array(values)})
+    for own, further in ((every, every[:1]), (every[:1], every)):  # the first suits C
+        monkeypatch.setattr("twin.study.screen.points", lambda *_, further=further: further)
+        assert screen_of("t", Work(about, design=own), 2).engine == engine
+
+
+def test_as_many_runs_are_checked_at_most_as_a_plan_says():
+    both = ({"name": "a"}, {"name": "b", "set": ("plant.start.y=0.01",)})
+    for samples, seeds, expected in ((2, 1, 8), (8, 2, 40)):
+        about = study(samples=samples, variants=both, seeds=seeds)
+        _, runs = screened(about, 2)
+        assert len(runs.works[3].tasks) == Screen(Work(about), 2).most_checked == expected
 
 
 @pytest.mark.long

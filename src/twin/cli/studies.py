@@ -121,9 +121,13 @@ def _plan_study(work: Work, folder: Path, screen: Screen | None, **how: Any) -> 
     summary_line = (
         f"{total} runs, {left} of them left in {len(chunks)} batches on {count} processors"
     )
-    if screen is not None:
-        summary_line += f"; {total - work.different} of the runs are on the exact equations"
     counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
+    if screen is not None:
+        counts["checked_at_most"] = screen.most_checked
+        summary_line += (
+            f"; {total - work.different} of the runs are on the exact equations, and up to "
+            f"{screen.most_checked} more on the mechanism"
+        )
     show(counts | {"processes": count}, [summary_line])
     return 0
 

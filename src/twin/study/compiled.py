@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -50,6 +50,8 @@ FLAGS = (
 what stands in the way of calculating several rigs at once."""
 
 
+MOST_CONTROLLERS = 32
+"""Largest number of controllers where C is chosen for runs: every process compiles each."""
 UNFOLLOWED = left_out("source")
 """Settings that the C source leaves out, by key, and why."""
 
@@ -276,15 +278,25 @@ def compiled_runs(rig: CompiledRig, controller: str) -> CompiledRuns:
     return _compiled[key]
 
 
-def knows(scenario: Scenario) -> bool:
-    """Whether there is a compiler, and the compiled loop knows all of a scenario."""
-    if find_c_compiler() is None or any(find_unknown(scenario)):
+def knows(scenarios: Iterable[Scenario]) -> bool:
+    """Whether the compiled loop can take all of some scenarios.
+
+    There is a compiler, the loop knows all that they have, and they have at most
+    ``MOST_CONTROLLERS`` controllers, each with a form in C.
+    """
+    if find_c_compiler() is None:
         return False
+    controllers: dict[str, Scenario] = {}
+    for scenario in scenarios:
+        controllers.setdefault(controller_key(scenario), scenario)
+        if any(find_unknown(scenario)) or len(controllers) > MOST_CONTROLLERS:
+            return False
     try:
         with extra("casadi", "engine = c"):
             from twin.board.source import controller_parts  # noqa: PLC0415  heavy
         with own_errors():
-            controller_parts(NAME, control_of(scenario), "double")
+            for scenario in controllers.values():
+                controller_parts(NAME, control_of(scenario), "double")
     except TwinError:
         return False
     return True

@@ -39,6 +39,8 @@ EXACT = "plant.kind=lagrange"
 """What puts a run on the exact equations."""
 MAX_TIMES = 1000
 """Largest number of points on the exact equations for each on the mechanism."""
+SCREENED_METHODS = ("montecarlo", "sobol")
+"""Methods whose points, or designs, are drawn independently: those of ``lhs`` are not."""
 CHECKED_POINTS = 5
 """So many worst points of each variant, and as many best, are checked on the mechanism."""
 MIN_TAIL_POINTS = 20
@@ -143,17 +145,18 @@ class Screen:
         wide: So many times as many further points there.
 
     Raises:
-        ScenarioError: If points are not drawn, or a variant is on the exact equations already or
-            has a setting that they do not know.
+        ScenarioError: If points are not drawn independently, or a variant is on the exact
+            equations already or has a setting that they do not know.
     """
 
     def __init__(self, work: Work, times: int, engine: Engine = "python") -> None:
         study = work.study
         if not 2 <= times <= MAX_TIMES:
             raise ScenarioError(f"screen: must be 2 to {MAX_TIMES}, got {times}")
-        if study.method == "grid":
+        if study.method not in SCREENED_METHODS:
             raise ScenarioError(
-                "screen: method must be montecarlo, lhs or sobol, whose points are drawn, got grid"
+                f"screen: method must be {' or '.join(SCREENED_METHODS)}, whose points are drawn "
+                f"independently, got {study.method}"
             )
         for task in work.first_of_each_variant:
             if work.scenario(task).plant.kind != "mujoco":
@@ -178,6 +181,12 @@ class Screen:
         )
         self.paired = Work(exact, design=work.design, left_out=self.left_out)
         self.wide = Work(exact, design=points(study, times), left_out=self.left_out)
+
+    @property
+    def most_checked(self) -> int:
+        """Largest number of runs on the mechanism at the ends of the further points."""
+        ends = 2 * min(CHECKED_POINTS, len(self.wide.design) // 2)
+        return ends * self.work.study.seeds * len(self.work.study.compared)
 
     def carry_out(self, rows: pa.Table, carry: Carry) -> Screened:
         """Finish all runs.

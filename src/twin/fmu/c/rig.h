@@ -61,7 +61,7 @@ typedef struct {
     Fixed fixed;
     int known;    /* whether it is that of these variables */
     double start; /* time of the first period, s */
-    int64_t tick;        /* control periods since then */
+    int64_t tick; /* control periods since then */
 
     /* plate and ball */
     double angle[2], rate[2];

@@ -46,7 +46,7 @@ EXPORT void simulate(double values[][VARIABLES], const void *const screens[],
         memcpy(rigs[l].v, values[l], sizeof rigs[l].v);
         rigs[l].v[SENSORS_NOISE_HOLD] = 0; /* its numbers come held */
         rigs[l].v[SEED] = l;
-        good[l] = !model_begin(&rigs[l]);
+        good[l] = !model_begin(&rigs[l]); /* it clears what is no variable: the screen comes then */
         rigs[l].screen = screens[l];
         controller_init(&controllers[l]);
     }
