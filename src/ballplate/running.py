@@ -315,7 +315,7 @@ def one_run(
 
 
 UNSTABLE_ADVICE = (
-    "; these gains do not hold the ball: `ballplate tune {} --on RIG` searches others, and "
+    "; with these gains the ball may be lost: `ballplate tune {} --on RIG` searches others, and "
     "`ballplate run cure --on RIG` has a law that knows how late the plate is"
 )
 LATER_WARNING = (

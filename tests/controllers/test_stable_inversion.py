@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from controllers.arrays import NUMBER_ARITHMETIC
 from controllers.ballplate import TILT_SIGN, BallPlate
 from controllers.interfaces import Feedback, Reference, catalog_settings
 from controllers.references import Circle, Hold, Sine, Step, Transition
@@ -125,7 +126,7 @@ def test_behind_drives_with_a_lag_that_is_told_the_ball_follows_as_on_drives_wit
 def test_a_lag_that_is_found_counts_as_one_that_is_told_while_the_ball_moves(lag):
     path = Circle(amplitude=0.06, omega=2.0)
     law, told = StableInversion(slope=0.0), StableInversion(model=BallPlate(lag=lag), slope=0.0)
-    np.testing.assert_allclose(law._gains_for(lag, 1.0), told.K, rtol=0.01)
+    np.testing.assert_allclose(law._gains_for(lag, 1.0, NUMBER_ARITHMETIC), told.K, rtol=0.01)
     off = follows(law, lag, path, found=lag)
     assert off == pytest.approx(follows(told, lag, path), abs=2e-6)
     assert off < 0.3 * follows(law, lag, path)

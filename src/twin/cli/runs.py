@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
+import shlex
 import tempfile
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
@@ -151,13 +152,11 @@ def run(
         numbers["shadow"] = examined.as_dict()
         shown += sentences(examined)
         files += ", shadow.html, shadow.json"
-    own_rig = "".join(f" --set {each}" for each in overrides if each.startswith("parameters="))
-    shown.append(
-        dim(
-            f"more: --all for every indicator; ballplate report {folder}, view {folder}, "
-            f"explain {scenario}{own_rig}"
-        )
-    )
+    follow = f"more: --all for every indicator; ballplate report {folder}, view {folder}"
+    if not done.scenario.fault:
+        changed = "".join(f" --set {shlex.quote(each)}" for each in overrides)
+        follow += f", explain {scenario}{changed}"
+    shown.append(dim(follow))
     show(numbers, shown, folder, files)
     viewing.keep()
     return int(not done.finished)

@@ -104,7 +104,7 @@ def _describe_gain(
     if look.gain * push < 0:
         yield (
             f"{axis}: wrong sign of {role}: a positive one moves the ball towards "
-            f"{'-' if push > 0 else '+'}{axis}; give {role}=-NAME"
+            f"{'-' if push > 0 else '+'}{axis}; give {role}=-NAME, or without - a name that has it"
         )
     size = abs(look.gain / push)
     for ratio, advice in (

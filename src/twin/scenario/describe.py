@@ -120,6 +120,8 @@ def find_keys(name: str = "") -> list[Key]:
         # a table within a table, as servo; then a word of a meaning, as vibration
         found = found or [key for key in every if name in key.key.split(".")]
         found = found or [key for key in every if len(name) > 2 and word.search(key.meaning)]
+        # a word of a name, as dither
+        found = found or [key for key in every if name in re.split(r"[._]", key.key)]
     if not (found or called):
         names = {key.key for key in every} | {part for key in every for part in key.key.split(".")}
         names |= kinds.keys() | {kind.partition(".")[2] for kind in kinds}
