@@ -431,6 +431,8 @@ def study(
     report = reporter or default()
     check_processes(processes, report)
     called = name if isinstance(name, Mapping) else str(name)
+    if screen is not None and keys.get("engine") == "c":
+        raise ScenarioError("engine: not with screen, which chooses its engines itself")
     work = work_of(called, keys)
     screening = None if screen is None else screen_of(called, work, screen)
     folder = writable(out, report)

@@ -173,8 +173,11 @@ def test_what_cannot_be_screened_is_refused_in_one_line(more, words):
     with pytest.raises(ScenarioError, match=words) as refused:
         bp.study(tables, screen=2, processes=1)
     assert "\n" not in str(refused.value)
-    with pytest.raises(ScenarioError, match="screen: must be 2 to 1000"):
-        Screen(Work(study(samples=4)), 1)
+    for wrong in (1, 2.5, "x"):
+        with pytest.raises(ScenarioError, match="screen: must be a whole number from 2 to 1000"):
+            Screen(Work(study(samples=4)), wrong)
+    with pytest.raises(ScenarioError, match="engine: not with screen"):
+        bp.study(study(samples=4).model_dump(exclude_unset=True), screen=2, engine="c")
 
 
 def test_python_simulates_what_c_does_not_know(monkeypatch):

@@ -151,8 +151,10 @@ class Screen:
 
     def __init__(self, work: Work, times: int, engine: Engine = "python") -> None:
         study = work.study
-        if not 2 <= times <= MAX_TIMES:
-            raise ScenarioError(f"screen: must be 2 to {MAX_TIMES}, got {times}")
+        if not isinstance(times, int) or not 2 <= times <= MAX_TIMES:
+            raise ScenarioError(
+                f"screen: must be a whole number from 2 to {MAX_TIMES}, got {times!r}"
+            )
         if study.method not in SCREENED_METHODS:
             raise ScenarioError(
                 f"screen: method must be {' or '.join(SCREENED_METHODS)}, whose points are drawn "
