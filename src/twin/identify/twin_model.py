@@ -260,12 +260,7 @@ class TwinProblem(FitProblem[Windows]):
         return replace(self, windows=windows, sizes=sizes)
 
     def estimate_sizes(self, best: Minimum) -> tuple[float, float]:
-        """Sizes of the unknown motion by the likelihood of a fit's residuals.
-
-        A size is zero if that is most likely, else the root of the mean square over all sizes that
-        are tried, weighted by their likelihoods: a size that jumps from one to the next with the
-        noise would take the widths of intervals along.
-        """
+        """Sizes of the unknown motion that make a fit's residuals most likely."""
         weight = self.weights(self.linearise(best.theta, best.starts, slopes=False).r)[0]
         plain = replace(self, windows=replace(self.windows, white=None, shared=None))
         line = plain.linearise(best.theta, best.starts)
@@ -278,11 +273,7 @@ class TwinProblem(FitProblem[Windows]):
             normal = total[1:, 1:] + np.diag(self.known[1]) + 1e-9 * np.eye(len(self.names))
             squares = total[0, 0] - total[0, 1:] @ np.linalg.solve(normal, total[1:, 0])
             found[sizes] = squares + weight @ spread + np.linalg.slogdet(normal)[1]
-        most_likely = min(found, key=lambda sizes: found[sizes])
-        weights = np.exp((found[most_likely] - np.array(list(found.values()))) / 2)
-        squares = weights @ np.array(list(found)) ** 2 / weights.sum()
-        share, force = np.where(np.array(most_likely) > 0, np.sqrt(squares), 0.0).tolist()
-        return share, force
+        return min(found, key=lambda sizes: found[sizes])
 
 
 def fit_twin(
