@@ -114,8 +114,6 @@ def test_a_run_imports_only_what_it_uses(tmp_path, run, unused):
         "twin.run.loop",
         "controllers.analysis",
         "twin.study.work",
-        "twin.whatif.futures",
-        "twin.play.session",
     ],
 )
 def test_what_runs_a_scenario_can_be_imported_without_what_it_uses_later(tmp_path, module):
