@@ -26,12 +26,8 @@ Examples:
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 from warnings import warn
 
 from ballplate import own as own
@@ -42,6 +38,11 @@ from twin.base.errors import TwinError
 from twin.run.files import Signals
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from importlib.abc import Loader
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+
     from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare, load
     from ballplate.planning import Planned, plan_experiment
@@ -104,7 +105,8 @@ _LAZY_NAMES = {
 """Modules that not every program needs, and what is in them."""
 
 
-class _RegisterAfterwards(Loader):
+# Both have the methods of the classes in importlib.abc, which each start would otherwise import.
+class _RegisterAfterwards:
     """Loads gymnasium by its own loader, then registers the environments."""
 
     def __init__(self, loader: Loader) -> None:
@@ -114,6 +116,10 @@ class _RegisterAfterwards(Loader):
         return self._loader.create_module(spec)
 
     def exec_module(self, module: ModuleType) -> None:
+        # gymnasium's own loader knows its files and sources
+        module.__loader__ = self._loader
+        if module.__spec__ is not None:
+            module.__spec__.loader = self._loader
         self._loader.exec_module(module)
         try:
             import_module("ballplate.gym")
@@ -121,7 +127,7 @@ class _RegisterAfterwards(Loader):
             warn(f"ballplate's environments are not registered: {error}", stacklevel=2)
 
 
-class _EnvironmentsWithGymnasium(MetaPathFinder):
+class _EnvironmentsWithGymnasium:
     """Registers the environments as soon as gymnasium is loaded, which reads no entry points."""
 
     def find_spec(
@@ -135,7 +141,7 @@ class _EnvironmentsWithGymnasium(MetaPathFinder):
         )
         spec = next((each for each in found if each is not None), None)
         if spec is not None and spec.loader is not None:
-            spec.loader = _RegisterAfterwards(spec.loader)
+            spec.loader = cast("Loader", _RegisterAfterwards(spec.loader))
         return spec
 
 

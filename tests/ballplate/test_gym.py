@@ -125,10 +125,12 @@ def test_the_goal_is_seen_as_far_ahead_as_is_asked_for():
 
 NOTHING_LOADED = """
 import sys, ballplate
-assert not {"gymnasium", "numpy", "ballplate.gym"} & sys.modules.keys()
+assert not {"gymnasium", "numpy", "ballplate.gym", "importlib.abc"} & sys.modules.keys()
 from importlib.util import find_spec
 assert find_spec("gymnasium") and "gymnasium" not in sys.modules  # a look that loads nothing
-import gymnasium
+import gymnasium, pkgutil
+assert pkgutil.get_data("gymnasium", "__init__.py")  # gymnasium keeps its own loader
+assert gymnasium.__spec__.loader is gymnasium.__loader__
 ours = {"ballplate/Track-v0", "ballplate/Hold-v0", "ballplate/Step-v0"}
 assert ours <= gymnasium.registry.keys()
 assert not {"mujoco", "ballplate.gym.environments"} & sys.modules.keys()
