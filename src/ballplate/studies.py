@@ -431,10 +431,7 @@ def study(
     report = reporter or default()
     check_processes(processes, report)
     called = name if isinstance(name, Mapping) else str(name)
-    if screen is not None and keys.get("engine") == "c":
-        raise ScenarioError("engine: not with screen, which chooses its engines itself")
-    work = work_of(called, keys)
-    screening = None if screen is None else screen_of(called, work, screen)
+    work, screening = screened_work_of(called, keys, screen)
     folder = writable(out, report)
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
@@ -461,6 +458,25 @@ def study(
     if folder is not None:
         found.save(folder)
     return found
+
+
+def screened_work_of(
+    name: str | Mapping[str, Any], keys: Mapping[str, Any], times: int | None
+) -> tuple[Work, Screen | None]:
+    """The runs of a study, and those of its screen if it has one.
+
+    Args:
+        name: Name, file or tables of the study.
+        keys: Keys in place of the study's own.
+        times: Points on the exact equations for each on the mechanism; None for no screen.
+
+    Raises:
+        ScenarioError: If the study is wrong or cannot be screened.
+    """
+    if times is not None and keys.get("engine") == "c":
+        raise ScenarioError("engine: not with screen, which chooses its engines itself")
+    work = work_of(name, keys)
+    return work, None if times is None else screen_of(name, work, times)
 
 
 def screen_of(name: str | Mapping[str, Any], work: Work, times: int) -> Screen:

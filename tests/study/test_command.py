@@ -130,6 +130,15 @@ def test_a_screened_study_says_what_ran_on_which_plant(study, tmp_path, monkeypa
     assert {each["which"] for each in found["checked"]} == {"worst", "best"}
 
 
+def test_a_screen_and_its_plan_refuse_an_engine_in_one_line(study, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "screened.toml").write_text(SCREENED)
+    for more in ((), ("--plan",)):
+        code, _, error = study("screened.toml", "--screen", "2", "--engine", "c", *more)
+        assert code == 2
+        assert error.strip().endswith("engine: not with screen, which chooses its engines itself")
+
+
 @pytest.mark.parametrize("method", ["grid", "lhs"])
 def test_points_that_are_not_drawn_independently_are_not_screened(study, tmp_path, method) -> None:
     (tmp_path / "short.toml").write_text(STUDY.replace('"grid"', f'"{method}"\nsamples = 2'))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.studies import StudyResult, screen_of, work_of
+from ballplate.studies import StudyResult, screened_work_of
 from ballplate.studies import study as run_study
 from twin.base.errors import ScenarioError, nearest
 from twin.base.jobs import cores
@@ -61,8 +61,8 @@ def study(
     chosen("study", study, shipped_in("studies"))  # reported before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
-        work = work_of(study, {key: how.pop(key) for key in ("samples", "seeds", "engine")})
-        more = screen_of(study, work, screen) if screen else None
+        keys = {key: how.pop(key) for key in ("samples", "seeds", "engine")}
+        work, more = screened_work_of(study, keys, screen)
         check_writable(folder)
         return _plan_study(work, folder, more, **how)
     done = run_study(study, out=folder, reporter=TERMINAL, screen=screen, **how)
