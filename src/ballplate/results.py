@@ -410,7 +410,8 @@ def identify(
     if factor is not None:
         recorded = recorded.with_ball(factor)
     elif not recorded.scenario:
-        report.note(f"{recorded.source}: states no ball: taken as hollow; `--ball` states it")
+        option = report.name_of("ball")
+        report.note(f"{recorded.source}: states no ball: taken as hollow; {option} states it")
     with report.progress(f"identifying from {recorded.source}", 1.0) as advance:
         return Identified(identify_twin(recorded, wanted_names, 1 - hold_out, advance))
 

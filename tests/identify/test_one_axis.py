@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import ballplate as bp
-from controllers.ballplate import BallPlate
+from tests.plugins.axis_identified import axis_identification
 from twin.cli import main
-from twin.identify.any_rig import AxisIdentification
 from twin.identify.logs import Log, of_columns, read
 from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.prepare import WALL_MARGIN_M, prepare
@@ -155,18 +154,7 @@ def test_a_level_of_one_axis_writes_no_minus_zero():
         high=1,
         word="identified",
     )
-    found = AxisIdentification(
-        source="log",
-        seconds=1.0,
-        verdicts=(level,),
-        scores=(),
-        predictions={},
-        notes=(),
-        extent="",
-        remarks=(),
-        factor=3 / 5,
-        ball=BallPlate(),
-    )
+    found = axis_identification(level)
     assert found.settings({"identified"})["plant.level_deg"].endswith(", 0]")
 
 

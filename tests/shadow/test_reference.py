@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 import ballplate as bp
-from controllers.ballplate import BallPlate
+from tests.plugins.axis_identified import axis_identification
 from twin.cli import main
-from twin.identify.any_rig import AxisIdentification
 from twin.identify.parameters import plain_parameter
 from twin.identify.verdicts import ParameterVerdict
 from twin.shadow.reference import Reference, _with_shown_ball
@@ -104,20 +103,7 @@ def test_the_ball_of_a_reference_is_the_one_its_gain_is_nearest_to(gain, word, f
     verdict = ParameterVerdict(
         about=about, name="gain_x", value=gain, low=gain - 0.1, high=gain + 0.1, word="identified"
     )
-    found = _with_shown_ball(
-        AxisIdentification(
-            source="log",
-            seconds=1.0,
-            verdicts=(verdict,),
-            scores=(),
-            predictions={},
-            notes=(),
-            extent="",
-            remarks=(),
-            factor=3 / 5,
-            ball=BallPlate(),
-        )
-    )
+    found = _with_shown_ball(axis_identification(verdict))
     assert found.factor == pytest.approx(factor)
     assert any(f"taken as {word}" in note for note in found.notes) == (word == "solid")
     assert any("give --ball" in note for note in found.notes) == (word == "neither")

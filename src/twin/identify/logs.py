@@ -99,7 +99,7 @@ class Log:
         """
         if self.scenario:
             raise LogError(f"{self.source}: --ball: not allowed; a run states its ball")
-        inertia = self.model.mass * self.model.radius**2 * (1 / factor - 1)
+        inertia = ball_inertia(self.model.mass, self.model.radius, factor)
         return replace(self, model=replace(self.model, inertia=inertia))
 
     @property
@@ -473,9 +473,7 @@ class AnyLog:
             own_lag=0.0,
             grips=(0.0,),
             axes=1 if list(self.axes) == ["x"] else 2,
-            walls=Reach.of(
-                scenario.plant.rim.size, scenario.plant.ball.radius, scenario.plant.shape
-            ),
+            walls=scenario.plant.reach,
         )
 
 
@@ -492,6 +490,17 @@ def ball_factor(text: str | float) -> float:
     if not 0.5 <= factor <= 1.0:
         raise LogError(f"--ball {text}: give hollow (3/5), solid (5/7) or a share from 0.5 to 1")
     return factor
+
+
+def ball_inertia(mass: float, radius: float, factor: float) -> float:
+    """Moment of inertia in kg m^2 of a ball of which gravity accelerates a share when it rolls.
+
+    Args:
+        mass: kg.
+        radius: m.
+        factor: The share.
+    """
+    return mass * radius**2 * (1 / factor - 1)
 
 
 def ball_heights(text: str | float) -> tuple[float, float]:

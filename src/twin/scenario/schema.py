@@ -25,7 +25,7 @@ from twin.hal.interface import NOMINAL_PERIOD, Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallSpin, BallStart, Parts
-from twin.sim.plant.rim import Rim
+from twin.sim.plant.rim import Reach, Rim
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
@@ -320,6 +320,12 @@ class PlantKeys(Section):
         inner: Any = vars(self)
         ball = {name: vars(inner["ball"])[name] for name in ("mass", "radius", "inertia")}
         return BallPlate(**ball, height=inner["plate"].height)
+
+    @property
+    def reach(self) -> Reach:
+        """How far walls let the ball go."""
+        inner: Any = vars(self)
+        return Reach.of(inner["rim"].size, inner["ball"].radius, self.shape)
 
     def problem(self) -> str:
         """Error of the whole table, in one line; empty if there is none."""

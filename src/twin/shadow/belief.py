@@ -14,7 +14,7 @@ from controllers.ballplate import BallPlate
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError
 from twin.base.settings import from_scenarios
-from twin.identify.logs import AnyLog, Log, of_columns
+from twin.identify.logs import AnyLog, Log, ball_inertia, of_columns
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem
 from twin.identify.windows import Windows
@@ -24,7 +24,6 @@ from twin.run.record import Recorder
 from twin.scenario.load import check, load_recorded, put, read, resolve, setting
 from twin.scenario.schema import Scenario
 from twin.sim.plant.friction import Friction
-from twin.sim.plant.rim import Reach
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
@@ -200,12 +199,6 @@ class Belief:
         return np.asarray(variances[..., None] * np.eye(len(WATCHED_PARAMETERS)))
 
     @property
-    def walls(self) -> Reach:
-        """How far walls let the ball go."""
-        plant = self.scenario.plant
-        return Reach.of(plant.rim.size, self.model.radius, plant.shape)
-
-    @property
     def uncertainty(self) -> Array:
         """Covariance of what the belief may be wrong by, shape (P, P)."""
         return np.asarray(np.diag(self.constant**2))
@@ -269,7 +262,7 @@ def twin_for_log(
     scenario = load_recorded(*found)[0]
     if factor is not None:
         ball = scenario.plant.ball
-        inertia = ball.mass * ball.radius**2 * (1 / factor - 1)
+        inertia = ball_inertia(ball.mass, ball.radius, factor)
         tables = put(scenario.model_dump(mode="json"), [("plant.ball.inertia", inertia)])
         scenario = check(tables, "the twin")
     dead_time = scenario.sensors.touch.dead_time

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array
 from twin.base.data_file import read_packaged
 from twin.devices.realtime import describe_lateness
 from twin.run.assemble import build_law
 from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
-from twin.sim.plant.rim import Reach
 
 MIN_TURNING_RAD = 0.99 * 2 * math.pi
 """Turning of a reference in rad above which delay and scale of a path can be separated."""
@@ -111,16 +110,9 @@ class Diagnosis:
             stuck=_stuck(motion),
             tilt=float(np.hypot(*motion.plate[-1])),
             held=None if motion.held is None else float(motion.held.mean()),
-            walled=float(_touches_wall(run, motion.ball).mean()),
+            walled=float(run.scenario.plant.reach.is_met(motion.ball, WALL_DISTANCE_M).mean()),
             unmoved=bool(np.nan_to_num(requested).any() and not applied.any()),
         )
-
-
-def _touches_wall(run: Run, ball: Array) -> Mask:
-    """Whether a ball at places (K, 2) in m touches a wall, shape (K,)."""
-    plant = run.scenario.plant
-    reach = Reach.of(plant.rim.size, plant.ball.radius, plant.shape)
-    return reach.is_met(ball, WALL_DISTANCE_M)
 
 
 def _stuck(motion: Motion) -> float | None:
