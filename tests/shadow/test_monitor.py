@@ -138,6 +138,35 @@ def test_other_causes_raise_no_dead_time(belief):
 REST = ("height", "stopping", "dispersion")
 
 
+def mixed(seed, late, off, count=60):
+    """Windows that show breakaway, tilt gain and dead time only in sums of the three.
+
+    In one of 15 breakaway and gain are further off than the belief expects between windows.
+    """
+    rng = np.random.default_rng(seed)
+    names, room = ("breakaway", "gain", "delay"), np.array([0.03, 0.0015])
+    slopes = rng.standard_normal((count, 3, 3)) / (0.05, 0.01, 0.004)
+    true = np.zeros((count, 3))
+    true[:, :2] = room * rng.standard_normal((count, 2))
+    true[rng.random(count) < 1 / 15, :2] += off * room * rng.standard_normal(2)
+    true[count // 2 :, 2] = late
+    seen = slopes @ true[..., None] + rng.standard_normal((count, 3, 1))
+    turned = np.swapaxes(slopes, 1, 2)
+    begin = np.arange(count, dtype=float)
+    spans = np.stack((begin, begin + 1), axis=-1)
+    stopping = np.ones(count, bool)
+    return Evidence.of(names, spans, turned @ slopes, (turned @ seen)[..., 0], stopping=stopping)
+
+
+@pytest.mark.parametrize("off", [0, 20])
+def test_windows_in_which_friction_seems_far_off_are_no_dead_time_and_hide_none(belief, off):
+    # found on a healthy rig: alone such windows say little of the dead time, with others much
+    for late, alarms in ((0.0, False), (0.005, True)):
+        for seed in (8, 9, 10):
+            found = limit_dead_time_evidence(mixed(seed, late, off), belief)
+            assert bool(dead_time_ratio(found, belief).max() > LATE_LLR) == alarms
+
+
 def test_windows_added_later_say_what_all_at_once_say(belief):
     rng = np.random.default_rng(4)
     ball = windows(0.002 * rng.standard_normal(30) + 0.004 * (np.arange(30) > 12))

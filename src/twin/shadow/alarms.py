@@ -234,6 +234,28 @@ class _Sums:
         )
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
+    def misfit(self) -> Array:
+        """Mean square, at least 1, of what no change explains in each window, shape (W,).
+
+        In units of what the windows before it leave unsure, and by the cause that explains most.
+        """
+        at = np.arange(len(self._A) - 1)
+        first = np.maximum(at - self._learning_windows, 0)
+        A, b = self._A, self._b  # noqa: N806
+        mean, covariance = posterior(A[at] - A[first], b[at] - b[first], self._eye)
+        A, b = np.diff(A, axis=0), np.diff(b, axis=0)  # noqa: N806
+        off = (b - (A @ mean[..., None])[..., 0])[:, None, :, None]
+        prior = covariance[:, None] + self._alternatives[1:]
+        values, vectors = np.linalg.eigh(A[:, None] + A[:, None] @ prior @ A[:, None])
+        shown = values > SHOWN_SHARE * values[..., -1:]
+        along = (np.swapaxes(vectors, -1, -2) @ off)[..., 0]
+        squares = (along**2 / np.where(shown, values, np.inf)).sum(axis=-1)
+        return np.maximum((squares / shown.sum(axis=-1)).min(axis=-1), 1.0)
+
+
+SHOWN_SHARE = 1e-10
+"""Share of the variance of the score's largest part below which a part is rounding."""
+
 
 def bound_evidence(
     evidence: Evidence,
@@ -373,6 +395,11 @@ def limit_dead_time_evidence(
 ) -> Evidence:
     """The windows that show the dead time, each weakened to what one may say for a change of it.
 
+    Where a ball stops, friction and tilt gain may seem to be far from what all other windows show.
+    Such a window says little of the dead time alone, but much together with others, which rule
+    friction and tilt gain out. It counts as if its noise were as large as it is off in what no dead
+    time explains.
+
     Args:
         evidence: Windows in the order of time, not softened.
         belief: The twin.
@@ -387,8 +414,9 @@ def limit_dead_time_evidence(
     room = np.hypot(belief.unit * np.stack((rolling, stopping)), belief.uneven)
     shows = evidence.information[:, DELAY_INDEX, DELAY_INDEX] > 0
     narrow = evidence.take(shows).softened(room)
+    explained = narrow.tempered(_Sums(narrow, belief, DEAD_TIME_CAUSES).misfit())
     bounded = ChangeTest(max_llr_per_window=test.max_llr_per_window)
-    return bound_evidence(narrow, belief, int(shows[:after].sum()), DEAD_TIME_CAUSES, bounded)
+    return bound_evidence(explained, belief, int(shows[:after].sum()), DEAD_TIME_CAUSES, bounded)
 
 
 def dead_time_ratio(
