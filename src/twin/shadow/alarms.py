@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
+from scipy.special import chdtri, log_ndtr
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
@@ -235,9 +235,10 @@ class _Sums:
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
     def misfit(self) -> Array:
-        """Mean square, at least 1, of what no change explains in each window, shape (W,).
+        """By how much what no change explains in each window is too large, at least 1, shape (W,).
 
-        In units of what the windows before it leave unsure, and by the cause that explains most.
+        Its square by the cause that explains most, in variances of what the windows before it leave
+        unsure, over that which 95 % of windows stay below (chi-square).
         """
         at = np.arange(len(self._A) - 1)
         first = np.maximum(at - self._learning_windows, 0)
@@ -250,9 +251,12 @@ class _Sums:
         shown = values > SHOWN_SHARE * values[..., -1:]
         along = (np.swapaxes(vectors, -1, -2) @ off)[..., 0]
         squares = (along**2 / np.where(shown, values, np.inf)).sum(axis=-1)
-        return np.maximum((squares / shown.sum(axis=-1)).min(axis=-1), 1.0)
+        usual = chdtri(np.maximum(shown.sum(axis=-1), 1), UNUSUAL_SHARE)
+        return np.maximum((squares / usual).min(axis=-1), 1.0)
 
 
+UNUSUAL_SHARE = 0.05
+"""Share of windows, without a change, whose misfit counts as too large."""
 SHOWN_SHARE = 1e-10
 """Share of the variance of the score's largest part below which a part is rounding."""
 
@@ -397,8 +401,8 @@ def limit_dead_time_evidence(
 
     Where a ball stops, friction and tilt gain may seem to be far from what all other windows show.
     Such a window says little of the dead time alone, but much together with others, which rule
-    friction and tilt gain out. It counts as if its noise were as large as it is off in what no dead
-    time explains.
+    friction and tilt gain out. Where it is too far off in what no dead time explains, it counts as
+    if its noise were so much larger.
 
     Args:
         evidence: Windows in the order of time, not softened.
