@@ -296,6 +296,21 @@ def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
     assert (known < 1e-6 * pull(exact)).all()
 
 
+@pytest.mark.parametrize(("largest_deg", "shows"), [(3.0, True), (9.0, False)])
+def test_a_plate_that_tilts_too_far_to_be_linear_is_no_evidence_of_lost_motion(largest_deg, shows):
+    # found under internal_model: a start near the end of the plate's reach
+    period, largest = 0.002, np.radians(largest_deg)
+    time = period * np.arange(3000)
+    rate = 2 * largest * np.cos(2 * time)[:, None] * (1.0, -1.0)
+    shaft = servo_response(rate, period, 0.0)[0]
+    angle = np.arctan(shaft)  # as far from linear as a lever
+    segment = Segment(time, angle, rate, time, np.zeros_like(rate))
+    log = SimpleNamespace(segments=(segment,), period=period)
+    found = plate_evidence(log, belief_of("plant.kind=lagrange"), np.zeros((0, 2)))
+    assert len(found)
+    assert found.information.any() == shows
+
+
 def test_the_same_evidence_weakened_says_the_same_less_loudly():
     soft = rolled(np.full(3, 0.3)).softened(belief_of().changing)
     weak = bound_evidence(soft, belief_of())
