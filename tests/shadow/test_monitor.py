@@ -138,6 +138,35 @@ def test_other_causes_raise_no_dead_time(belief):
 REST = ("height", "stopping", "dispersion")
 
 
+def mixed(seed, late, off, count=60):
+    """Windows that show breakaway, tilt gain and dead time only in sums of the three.
+
+    In one of 15 breakaway and gain are further off than the belief expects between windows.
+    """
+    rng = np.random.default_rng(seed)
+    names, room = ("breakaway", "gain", "delay"), np.array([0.03, 0.0015])
+    slopes = rng.standard_normal((count, 3, 3)) / (0.05, 0.01, 0.004)
+    true = np.zeros((count, 3))
+    true[:, :2] = room * rng.standard_normal((count, 2))
+    true[rng.random(count) < 1 / 15, :2] += off * room * rng.standard_normal(2)
+    true[count // 2 :, 2] = late
+    seen = slopes @ true[..., None] + rng.standard_normal((count, 3, 1))
+    turned = np.swapaxes(slopes, 1, 2)
+    begin = np.arange(count, dtype=float)
+    spans = np.stack((begin, begin + 1), axis=-1)
+    stopping = np.ones(count, bool)
+    return Evidence.of(names, spans, turned @ slopes, (turned @ seen)[..., 0], stopping=stopping)
+
+
+@pytest.mark.parametrize("off", [0, 20])
+def test_windows_in_which_friction_seems_far_off_are_no_dead_time_and_hide_none(belief, off):
+    # found on a healthy rig: alone such windows say little of the dead time, with others much
+    for late, alarms in ((0.0, False), (0.005, True)):
+        for seed in (8, 9, 10):
+            found = limit_dead_time_evidence(mixed(seed, late, off), belief)
+            assert bool(dead_time_ratio(found, belief).max() > LATE_LLR) == alarms
+
+
 def test_windows_added_later_say_what_all_at_once_say(belief):
     rng = np.random.default_rng(4)
     ball = windows(0.002 * rng.standard_normal(30) + 0.004 * (np.arange(30) > 12))
@@ -265,6 +294,21 @@ def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
     exact = "plant.kind=lagrange"  # with the lag of the log, and no plate on wheels
     known = pull(exact, "plant.servo.backlash_deg=0.2", "rig.cam_error_percent=[3.0, 3.0]")
     assert (known < 1e-6 * pull(exact)).all()
+
+
+@pytest.mark.parametrize(("largest_deg", "shows"), [(3.0, True), (9.0, False)])
+def test_a_plate_that_tilts_too_far_to_be_linear_is_no_evidence_of_lost_motion(largest_deg, shows):
+    # found under internal_model: a start near the end of the plate's reach
+    period, largest = 0.002, np.radians(largest_deg)
+    time = period * np.arange(3000)
+    rate = 2 * largest * np.cos(2 * time)[:, None] * (1.0, -1.0)
+    shaft = servo_response(rate, period, 0.0)[0]
+    angle = np.arctan(shaft)  # as far from linear as a lever
+    segment = Segment(time, angle, rate, time, np.zeros_like(rate))
+    log = SimpleNamespace(segments=(segment,), period=period)
+    found = plate_evidence(log, belief_of("plant.kind=lagrange"), np.zeros((0, 2)))
+    assert len(found)
+    assert found.information.any() == shows
 
 
 def test_the_same_evidence_weakened_says_the_same_less_loudly():

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
+from scipy.special import chdtri, log_ndtr
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
@@ -234,6 +234,32 @@ class _Sums:
         )
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
+    def misfit(self) -> Array:
+        """By how much what no change explains in each window is too large, at least 1, shape (W,).
+
+        Its square by the cause that explains most, in variances of what the windows before it leave
+        unsure, over that which 95 % of windows stay below (chi-square).
+        """
+        at = np.arange(len(self._A) - 1)
+        first = np.maximum(at - self._learning_windows, 0)
+        A, b = self._A, self._b  # noqa: N806
+        mean, covariance = posterior(A[at] - A[first], b[at] - b[first], self._eye)
+        A, b = np.diff(A, axis=0), np.diff(b, axis=0)  # noqa: N806
+        off = (b - (A @ mean[..., None])[..., 0])[:, None, :, None]
+        prior = covariance[:, None] + self._alternatives[1:]
+        values, vectors = np.linalg.eigh(A[:, None] + A[:, None] @ prior @ A[:, None])
+        shown = values > SHOWN_SHARE * values[..., -1:]
+        along = (np.swapaxes(vectors, -1, -2) @ off)[..., 0]
+        squares = (along**2 / np.where(shown, values, np.inf)).sum(axis=-1)
+        usual = chdtri(np.maximum(shown.sum(axis=-1), 1), UNUSUAL_SHARE)
+        return np.maximum((squares / usual).min(axis=-1), 1.0)
+
+
+UNUSUAL_SHARE = 0.05
+"""Share of windows, without a change, whose misfit counts as too large."""
+SHOWN_SHARE = 1e-10
+"""Share of the variance of the score's largest part below which a part is rounding."""
+
 
 def bound_evidence(
     evidence: Evidence,
@@ -373,6 +399,11 @@ def limit_dead_time_evidence(
 ) -> Evidence:
     """The windows that show the dead time, each weakened to what one may say for a change of it.
 
+    Where a ball stops, friction and tilt gain may seem to be far from what all other windows show.
+    Such a window says little of the dead time alone, but much together with others, which rule
+    friction and tilt gain out. Where it is too far off in what no dead time explains, it counts as
+    if its noise were so much larger.
+
     Args:
         evidence: Windows in the order of time, not softened.
         belief: The twin.
@@ -387,8 +418,9 @@ def limit_dead_time_evidence(
     room = np.hypot(belief.unit * np.stack((rolling, stopping)), belief.uneven)
     shows = evidence.information[:, DELAY_INDEX, DELAY_INDEX] > 0
     narrow = evidence.take(shows).softened(room)
+    explained = narrow.tempered(_Sums(narrow, belief, DEAD_TIME_CAUSES).misfit())
     bounded = ChangeTest(max_llr_per_window=test.max_llr_per_window)
-    return bound_evidence(narrow, belief, int(shows[:after].sum()), DEAD_TIME_CAUSES, bounded)
+    return bound_evidence(explained, belief, int(shows[:after].sum()), DEAD_TIME_CAUSES, bounded)
 
 
 def dead_time_ratio(

@@ -382,6 +382,9 @@ LAG_DIFFERENCE = 0.005
 MIN_PLATE_RANGE_STDS = 40.0
 """Range of the plate's angle in a window, in standard deviations of its encoder, below which it
 tells nothing: the readings then stay on a few counts."""
+MAX_LINEAR_TILT_RAD = np.radians(5.0)
+"""Tilt in rad up to which the mechanism is linear to within what the transmission may differ by
+from window to window: tilt^2 / 2 is below 0.004."""
 PLAY_WIDTHS_RAD = (np.radians(0.05), np.radians(0.2))
 """Widths in rad of a narrow and of a wide gap."""
 
@@ -417,12 +420,14 @@ def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> 
     )
     slopes = ((late - angle) / LAG_DIFFERENCE, *(each - angle for each in wider), angle)
     information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
+    tilted = np.abs(segment.plate[skipped : skipped + count * rows]).reshape(count, -1).max(axis=1)
     for axis in (0, 1):
         both = np.stack((segment.plate - angle, *slopes))[..., axis]
         used = slice(skipped, skipped + count * rows)
         white = whiten(both, period, belief.disturbance[axis], belief.encoders[axis])[:, used]
         moved = np.ptp(segment.plate[used, axis].reshape(count, rows), axis=1)
         counted = moved > MIN_PLATE_RANGE_STDS * np.sqrt(belief.encoders[axis])
+        counted &= tilted < MAX_LINEAR_TILT_RAD
         e, J = white[0].reshape(count, rows), white[1:].reshape(4, count, rows)  # noqa: N806
         J = J * counted[:, None]  # noqa: N806
         information += np.einsum("iwk,jwk->wij", J, J) / INNOVATIONS_PER_SAMPLE
