@@ -63,6 +63,10 @@ def test_a_table_has_words_to_the_left_numbers_to_the_right_and_an_empty_line_af
     assert markdown(("a", "b", "c"), []) == "| a | b | c |\n|---|--:|--:|\n"
 
 
+def test_a_bar_in_a_cell_of_markdown_ends_no_column() -> None:
+    assert markdown(("|x|", "b"), [("|a", "1")]) == "| \\|x\\| | b |\n|---|--:|\n| \\|a | 1 |\n"
+
+
 def test_what_somebody_else_wrote_commands_no_terminal():
     written = StringIO()
     cells = ("\x1b[2Jaway", "two\nlines", "\u202egnp", "\x9b1m", "\udcff", "a\rb")

@@ -203,7 +203,8 @@ def markdown(
     count = len(headings)
     left = {column % count for column in words}
     rule = ["---" if column in left else "--:" for column in range(count)]
-    lines = [" | ".join(cells) for cells in (headings, *rows)]
+    escaped = ([cell.replace("|", r"\|") for cell in cells] for cells in (headings, *rows))
+    lines = [" | ".join(cells) for cells in escaped]
     first, *others = (f"| {line} |" for line in lines)
     return "\n".join([first, f"|{'|'.join(rule)}|", *others]) + "\n"
 

@@ -304,7 +304,21 @@ def compiled_in(scenario: Scenario, surface: Array | None) -> dict[str, Any]:
     }
 
 
-RIG_SOURCES = ("rig.c", "rig.h", "noise.c", "model.h")
+RIG_SOURCES = (
+    "rig.c",
+    "rig.h",
+    "rig_shared.h",
+    "rig_friction.h",
+    "rig_linkage.h",
+    "rig_ball.h",
+    "rig_walls.h",
+    "rig_motion.h",
+    "rig_drives.h",
+    "rig_sensors.h",
+    "rig_supervisor.h",
+    "noise.c",
+    "model.h",
+)
 """The C source of the rig that no template makes."""
 FMI_SOURCES = {
     2: ("instance.c", "instance.h", "fmi.h", "fmi2.c"),
