@@ -31,9 +31,9 @@ from twin.shadow.follow import shadow
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import code, digest
 
-SEEDS = {"uneven": 400_000, "even": 500_000}
+SEEDS = {"uneven": 400_000, "even": 520_000}
 """First seeds of the rigs under AFL, by their screens,"""
-UNDER_LAWS = 600_000
+UNDER_LAWS = 700_000
 """and of those under other laws, ``PER_LAW`` apart."""
 PER_LAW = 10_000
 DRAWS = {LAW: 1_804, "others": 1_805}
