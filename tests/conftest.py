@@ -3,6 +3,7 @@
 import gc
 import os
 from functools import cache
+from pathlib import Path
 
 import bytecode  # noqa: F401  before all that is compiled
 import one_thread  # noqa: F401  before numpy
@@ -39,10 +40,14 @@ settings.load_profile("twin")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Nothing is thrown away while tests are collected: there is nothing to look for."""
+    """Nothing is thrown away while tests are collected: there is nothing to look for.
+
+    Nor often afterwards: a test leaves little behind, and looking for it took a twentieth of all.
+    """
     gc.disable()
     found = yield
     gc.freeze()
+    gc.set_threshold(100_000, 20, 20)
     gc.enable()
     return found
 
@@ -52,6 +57,15 @@ def own_state(tmp_path_factory):
     """What commands remember is not kept among the files of whoever tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def lean_children():
+    """Processes that tests start import less, see ``plugins/children``."""
+    folder = str(Path(__file__).parent / "plugins" / "children")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", folder, prepend=os.pathsep)
         yield
 
 
@@ -117,6 +131,14 @@ def no_pictures():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("twin.run.picture.png", lambda *_: b"\x89PNG")
         patch.setattr("twin.base.page.inline", lambda _: Markup("<svg></svg>"))
+        yield
+
+
+@pytest.fixture(scope="module")
+def no_footprint():
+    """The memory that a controller in C needs is one more compilation, of which a page tells."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twin.board.source.measure_footprint", lambda *_: None)
         yield
 
 

@@ -1,6 +1,7 @@
 """`ballplate.rehearsing`: a rig runs what its twin has kept the ball in; else what would do."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from ballplate.rehearsing import rehearse
 from ballplate.reporter import Reporter
 from twin.base.errors import RigError
 from twin.run.assemble import build_controller
+from twin.run.connect import ComputingTime
 from twin.run.finished import Run, run
 from twin.run.loop import drive
 from twin.run.record import Recorder
@@ -84,6 +86,8 @@ def test_where_nothing_keeps_it_a_slower_law_is_named(monkeypatch):
 def test_a_rig_rehearses_what_says_so_and_nothing_else(monkeypatch, tmp_path):
     tries = []
     monkeypatch.setattr("ballplate.running.rehearse", lambda *given: tries.append(given[-2:]))
+    brief = partial(ComputingTime.measured, seconds=0.05)
+    monkeypatch.setattr(ComputingTime, "measured", brief)
     file = tmp_path / "rig.toml"
     (tmp_path / "mine.py").write_text(
         "from ballplate.hardware import Hardware, Reading\n"

@@ -20,9 +20,12 @@ from board_source import (
 from click.testing import CliRunner
 
 import ballplate as bp
+from twin.board.footprint import measure_footprint
 from twin.cli.runs import export as export_command
 from twin.run.assemble import assemble
 from twin.run.controller_source import _check_own, export
+
+pytestmark = pytest.mark.usefixtures("no_footprint")
 
 LAWS = {
     "pole_placement": "luenberger",
@@ -37,6 +40,9 @@ LAWS = {
 """Each law, with one of the observers."""
 SHORT = ("lqr", "feedforward", "pid", "afl")
 """Laws by which every observer is exported once."""
+QUICK = ("-O0",)
+"""To optimise is most of what compiling takes; the long tests do, and the two short ones
+of a predictor and of ``float``."""
 
 
 @pytest.mark.parametrize(
@@ -44,7 +50,8 @@ SHORT = ("lqr", "feedforward", "pid", "afl")
 )
 def test_a_law_in_c_commands_what_it_commands_in_python(law, tmp_path):
     chosen = scenario(controller__kind=law, observer__kind=LAWS[law], duration=0.6)
-    passed, difference = replayed(compiled(export(tmp_path / "plate.c", chosen)))
+    flags = QUICK if law in SHORT else ()
+    passed, difference = replayed(compiled(export(tmp_path / "plate.c", chosen), *flags))
     assert passed
     assert difference < 1e-14
 
@@ -76,7 +83,8 @@ REFERENCES = {
 def test_a_reference_in_c_is_that_of_python(kind, tmp_path):
     settings = {f"reference__{key}": value for key, value in REFERENCES[kind].items()}
     chosen = scenario(reference=kind, duration=0.6, **settings)
-    passed, difference = replayed(compiled(export(tmp_path / "plate.c", chosen)), "reference: ")
+    program = compiled(export(tmp_path / "plate.c", chosen), *QUICK)
+    passed, difference = replayed(program, "reference: ")
     assert passed
     assert difference < 1e-12
 
@@ -114,7 +122,8 @@ def test_a_name_that_is_none_in_c_is_refused(name, tmp_path):
         bp.controller_source("hold", tmp_path / name, duration=0.1)
 
 
-def test_the_command_writes_a_folder(tmp_path):
+def test_the_command_writes_a_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("twin.board.source.measure_footprint", measure_footprint)
     file = tmp_path / "plate.c"
     short = ["--set", "duration=0.1", "--set", "plant.kind=lagrange"]
     done = CliRunner().invoke(export_command, ["hold", str(file), "--real", "float", *short])
@@ -154,7 +163,7 @@ def library(tmp_path_factory):
     """A controller with integral action behind a predictor, as a shared library."""
     chosen = scenario(controller__kind="afl_integral", duration=0.01, **SCREEN)
     folder = export(tmp_path_factory.mktemp("c") / "plate.c", chosen)
-    return ctypes.CDLL(str(compiled(folder, "-shared", "-fPIC")))
+    return ctypes.CDLL(str(compiled(folder, *QUICK, "-shared", "-fPIC")))
 
 
 def commands(library, measurements):
@@ -205,7 +214,7 @@ def test_a_run_that_the_c_code_drives_is_that_of_the_python_controller(tmp_path)
     chosen = scenario(controller__kind="afl", observer__kind="luenberger", duration=2.0, **SCREEN)
     folder = export(tmp_path / "plate.c", chosen)
     run = pd.read_csv(folder / "reference_run.csv")
-    library = ctypes.CDLL(str(compiled(folder, "-shared", "-fPIC")))
+    library = ctypes.CDLL(str(compiled(folder, *QUICK, "-shared", "-fPIC")))
     state, command, desired = ctypes.create_string_buffer(4096), Command(), (ctypes.c_double * 10)()
     library.plate_reference_at.argtypes = [ctypes.c_double, ctypes.c_void_p]
     library.plate_init(state)

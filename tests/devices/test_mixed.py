@@ -25,7 +25,7 @@ from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
 
-BEGIN_S, DURATION_S = 1.0, 3.0
+BEGIN_S, DURATION_S = 0.5, 2.0
 CIRCLE = (
     'reference={kind="circle",amplitude=0.05,omega=2.0}',
     f"duration={DURATION_S}",

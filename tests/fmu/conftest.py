@@ -4,6 +4,7 @@ import ctypes
 import shutil
 import sys
 import zipfile
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -76,7 +77,7 @@ class CRig:
         self._lib.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
         root = ElementTree.parse(library.parents[2] / "modelDescription.xml").getroot()
         self.names = {each.get("name"): each for each in root.find("ModelVariables")}
-        self.said = []
+        self.said, self._known = [], {}
         kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, *2 * (ctypes.c_char_p,))
         self._log = kind(lambda *told: self.said.append(told[3].decode()))
         self.token = root.get("instantiationToken")
@@ -111,13 +112,14 @@ class CRig:
         return getattr(self._lib, f"fmi3{name}")(self.instance, *arguments)
 
     def _at(self, names):
-        kind = self.names[names[0]].tag
-        references = [int(self.names[name].get("valueReference")) for name in names]
-        n = len(names)
-        return kind, (ctypes.c_uint32 * n)(*references), (TYPES[kind] * n)()
+        if (found := self._known.get(names)) is None:
+            references = [int(self.names[name].get("valueReference")) for name in names]
+            found = self.names[names[0]].tag, (ctypes.c_uint32 * len(names))(*references)
+            self._known[names] = found
+        return *found, (TYPES[found[0]] * len(names))()
 
     def set(self, name, value):
-        kind, references, values = self._at([name])
+        kind, references, values = self._at((name,))
         values[0] = int(value) if kind == "Int32" else value
         size = ctypes.c_size_t(1)
         return self.status(f"Set{kind}", references, size, values, size)
@@ -171,6 +173,16 @@ def normal(seed, stream, number):
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * np.pi * v)
 
 
+BLOCK = 256
+
+
+@cache
+def normal_block(seed, stream, count, block):
+    """The noise of some streams for as many numbers as a block has, shape (BLOCK, count)."""
+    numbers = BLOCK * block + np.arange(BLOCK)
+    return normal(seed, stream + np.arange(count), numbers[:, None])
+
+
 class CountedNoise:
     """In place of ``Noise``: numbers of the FMU's generator, by the tick of the devices."""
 
@@ -188,8 +200,8 @@ class CountedNoise:
     def draw(self):
         number = self._tick() // self._hold
         scale = self._noise._scale[0]
-        drawn = [normal(self._seed, self._stream + i, number) for i in range(len(scale))]
-        return (scale * drawn)[None]
+        block, row = divmod(number, BLOCK)
+        return scale * normal_block(self._seed, self._stream, len(scale), block)[None, row]
 
 
 def counted(rig, seed):

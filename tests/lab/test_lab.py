@@ -349,7 +349,7 @@ def test_an_answer_that_prints_too_much_keeps_its_points_with_a_remark(tmp_path:
     lab, file = read(MINI), tmp_path / "answer.py"
     mark = "        wanted ="
     file.write_text(SOLUTION.replace(mark, f"        print('x' * 5999)\n{mark}"))
-    check = lab.check[0].model_copy(update={"set": ("duration=0.6", "metrics.start=0")})
+    check = lab.check[0].model_copy(update={"set": ("duration=0.3", "metrics.start=0")})
     found = Judge(lab, deal(lab, "ann", KEY), file).result(check, [])
     assert (found["passed"], found["score"]) == (True, 2)
     assert found["remark"].startswith("It prints more than 256 kB; the rest is dropped.")
@@ -455,8 +455,8 @@ def test_points_and_texts_change_without_a_simulation(
 ) -> None:
     folder = tmp_path / "mini"
     shutil.copytree(MINI, folder)
-    brief = (folder / "hold.toml").read_text().replace("duration = 3.0", "duration = 1.0")
-    (folder / "hold.toml").write_text(brief.replace("start = 1.5", "start = 0.5"))
+    brief = (folder / "hold.toml").read_text().replace("duration = 3.0", "duration = 0.4")
+    (folder / "hold.toml").write_text(brief.replace("start = 1.5", "start = 0.2"))
     (tmp_path / "in").mkdir()
     shutil.copy(MINI / "mutants" / "no_integrator.py", tmp_path / "in" / "ann.py")
     kept, text = tmp_path / "kept", (folder / "lab.toml").read_text()

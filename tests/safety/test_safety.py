@@ -206,7 +206,9 @@ def test_a_fault_of_a_run_is_chosen_by_its_name_and_no_other_with_it():
     assert CASES[former].name == "Drive phi has a fault"
 
 
-def test_chosen_faults_are_listed_or_injected_and_written_as_a_sheet(tmp_path):
+def test_chosen_faults_are_listed_or_injected_and_written_as_a_sheet(tmp_path, monkeypatch):
+    monkeypatch.setattr("twin.safety.trial.FAULT_BEGIN_S", 0.5)
+    monkeypatch.setattr("twin.safety.trial.RUN_AFTER_S", 0.6)
     chosen = ("--only", "encoder of phi counts the wrong way")
     listed = CliRunner().invoke(safety, [*chosen, "--list", "--json"])
     assert json.loads(listed.stdout) == [

@@ -51,7 +51,7 @@ def circled(*settings):
 @pytest.fixture(scope="module")
 def uneven():
     """The same on an uneven screen."""
-    return circled("duration=14", "plant.surface.spread_percent=20")
+    return circled("duration=9", "plant.surface.spread_percent=20")
 
 
 def on_screen(belief, **surface):

@@ -58,7 +58,7 @@ def test_a_table_made_of_a_linkage_takes_the_plate_where_that_does(axis, rows, m
 
 
 def test_a_table_of_a_straight_line_is_a_gain():
-    keys = ["plant.kind=lagrange", "duration=1.0", "metrics.start=0"]
+    keys = ["plant.kind=lagrange", "duration=0.5", "metrics.start=0"]
     line = [f"plant.linkage.{axis}_deg=[[-40,-{t}],[20,{t / 2}],[40,{t}]]" for axis, t in
             (("phi", 12), ("theta", 16))]  # fmt: skip
     wrong = "rig.cam_error_percent=[5.0,-3.0]"  # the gain that nobody told

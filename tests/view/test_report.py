@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from markupsafe import Markup
 
 from twin.base.errors import RecordError
 from twin.base.writing import write_json
@@ -283,7 +284,8 @@ def test_runs_of_a_comparison_come_in_its_order_and_by_its_names(scenario, tmp_p
     assert [each.name for each in open_runs((tmp_path,))] == ["b-ki=0", "a-ki=1", "0-other"]
 
 
-def test_of_many_runs_each_is_told_in_a_sentence(page, runs):
+def test_of_many_runs_each_is_told_in_a_sentence(page, runs, monkeypatch):
+    monkeypatch.setattr("twin.base.page.inline", lambda _: Markup("<svg></svg>"))
     many = html([*runs, *runs])
     assert "<h3>run_1</h3>" in page
     assert "<h3>" not in many
