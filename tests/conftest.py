@@ -3,7 +3,6 @@
 import gc
 import os
 from functools import cache
-from pathlib import Path
 
 import bytecode  # noqa: F401  before all that is compiled
 import one_thread  # noqa: F401  before numpy
@@ -57,15 +56,6 @@ def own_state(tmp_path_factory):
     """What commands remember is not kept among the files of whoever tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def lean_children():
-    """Processes that tests start import less, see ``plugins/children``."""
-    folder = str(Path(__file__).parent / "plugins" / "children")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", folder, prepend=os.pathsep)
         yield
 
 
