@@ -6,6 +6,7 @@ Finished runs are kept in runs/cyberrunner and used again while code and scenari
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -111,7 +112,8 @@ def held(runs: Sequence[Scenario], after: float) -> list[dict[str, Any]]:
 def known(name: str, runs: Sequence[Scenario], make: Any, *how: Any) -> Any:
     """What is kept of runs, else what is made of them."""
     about = "".join(each.model_dump_json() for each in runs)
-    key = digest(f"{code()} {c_code()} {name} {LAPS} {EVERY} {json.dumps(how)} {about}")
+    own = " ".join(map(inspect.getsource, (make, motion_of, errors, driven)))
+    key = digest(f"{code()} {c_code()} {own} {name} {LAPS} {EVERY} {json.dumps(how)} {about}")
     return kept("cyberrunner", key, lambda: make(runs, *how))
 
 

@@ -92,6 +92,17 @@ def test_what_is_turned_off_gives_way_to_no_rig():
                 assert np.all(np.equal(at, float(value))), cause
 
 
+def test_what_is_kept_is_of_the_functions_that_made_it(monkeypatch):
+    keys = []
+    monkeypatch.setattr(page, "kept", lambda _, key, make: keys.append(key))
+    for change in (None, "held", "motion_of"):
+        with monkeypatch.context() as changed:
+            if change:
+                changed.setattr(page, change, page.errors)
+            page.known("hold", [], page.held, 10.0)
+    assert len(set(keys)) == 3
+
+
 def test_the_best_gains_are_those_of_no_lost_ball_and_least_error(monkeypatch):
     asked = []
 
