@@ -278,9 +278,10 @@ def _count_runs(title: str, benchmark: Benchmark) -> Iterator[Callable[[int, int
 def _refuse_rig(_: click.Context, __: click.Parameter, rig: str | None) -> None:
     """Report that the benchmark has rigs of its own, of two axes."""
     if rig is not None:
+        compared = f"""ballplate compare line --on {rig} --vary 'controller.kind=["pid", "lqr"]'"""
         raise ScenarioError(
-            f"--on {rig}: the benchmark has rigs of its own, plates of two axes; to compare laws on "
-            f"""this rig: ballplate compare line --on {rig} --vary 'controller.kind=["pid", "lqr"]'"""
+            f"--on {rig}: the benchmark has rigs of its own, plates of two axes; to compare laws "
+            f"on this rig: {compared}"
         )
 
 
