@@ -32,6 +32,7 @@ NOISE = (7.2538e-7 + 1.7721e-7) / 2
 """Variance of a touch sample in m^2, Table B.1, mean of both axes."""
 PERIOD, EFFORT = 0.002, 1e-8
 """s; and the weight of u^2 in s^4 m^2 beside x^2: so small that less changes nothing."""
+THESIS_BALL = BallPlate()
 HALF, SHARE = 0.65, 4 / 9
 LEFT = 1.6783
 """Where (1 + t) exp(-t) is one half."""
@@ -49,9 +50,17 @@ class Screen(NamedTuple):
     patch: float = 0.05
 
 
-def floor(screen: Screen, speed: float) -> float:
-    """Least root mean square of x in m for a ball that rolls at a speed in m/s."""
-    model = BallPlate()
+def floor(
+    screen: Screen, speed: float, model: BallPlate = THESIS_BALL, noise: float = NOISE
+) -> float:
+    """Least root mean square of x in m for a ball that rolls at a speed in m/s.
+
+    Args:
+        screen: What is uneven, and how it is seen.
+        speed: Of the ball.
+        model: The ball, by default that of the thesis.
+        noise: Variance of a sample in m^2.
+    """
     friction = model.k1 * screen.rolling_mm / 1000 / model.radius
     rate = LEFT * speed / (HALF * screen.patch)
     variance = SHARE * (friction * screen.spread) ** 2
@@ -66,7 +75,7 @@ def floor(screen: Screen, speed: float) -> float:
     A, B, W = _sampled(A, B, W)
     A, B, W, C = _late(A, B, W, seen, round(screen.dead_time / PERIOD))
     slower = 1 / (PERIOD * screen.frame_rate) if screen.frame_rate else 1.0
-    R = np.diag([NOISE * slower, 1e-10])
+    R = np.diag([noise * slower, 1e-10])
     P = scipy.linalg.solve_discrete_are(A.T, C.T, W, R)
     x = np.zeros((1, len(A)))
     x[:, :6] = seen

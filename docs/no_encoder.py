@@ -7,12 +7,14 @@ runs/no_encoder and used again while scenarios and code stay the same.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import click
 
 from docs.cure_family import quantile, radius
+from docs.cure_floor import Screen, floor
 from docs.pages import HERE, filled, kept, planned, said, write
 from twin.scenario.schema import Scenario
 from twin.study.compiled import carry_out_compiled
@@ -110,6 +112,24 @@ def scenarios(
     return found
 
 
+def rest_floor(plan: dict[str, Any], rig: str) -> tuple[float, float]:
+    """What is left of hold on a shipped rig in m: the floor of its screen, and the dither's circle.
+
+    The floor is the linear-quadratic Gaussian one of a ball that creeps over the most uneven screen
+    of the family. The circle is that on which the dither moves a ball without friction,
+    x = -(c2 + k1 / w^2) a, on the plate that turns by the dither less half the play.
+    """
+    scenario = Builder("cure")([f"parameters={rig}"], {}, [])
+    plant, touch, about = scenario.plant, scenario.sensors.touch, plan["floor"]
+    rolling, model = plant.friction.rolling_mm, plant.model
+    screen = Screen(rolling, about["spread"], touch.frame_rate, touch.dead_time)
+    noise = sum(touch.variance) / len(touch.variance)
+    least = floor(screen, about["creep"], model, noise)
+    amplitude, rate = plan["dither"][rig]
+    slope = math.radians(amplitude - plant.servo.backlash_deg / 2)
+    return least, (model.c2 + model.k1 / (2 * math.pi * rate) ** 2) * slope
+
+
 def known(runs: list[Scenario], indicator: str) -> Values:
     """An indicator of runs, on the true ball: as kept or simulated."""
     texts = [code(), c_code(), *(each.model_dump_json() for each in runs)]
@@ -141,7 +161,8 @@ def main() -> None:
                 values = known(runs, "tracking_error_percent")
                 causes[rig, cause, at] = quantile(values, 0.5), quantile(values, 1.0)
     words = {"said": said, "scaled": scaled, "verdicts": verdicts}
-    parts = {"table": table, "effort": effort, "causes": causes}
+    floors = {rig: rest_floor(plan, rig) for rig in plan["rigs"]}
+    parts = {"table": table, "effort": effort, "causes": causes, "floors": floors}
     write(HERE / "no_encoder.md", filled("no_encoder", plan=plan, **parts, **words))
 
 

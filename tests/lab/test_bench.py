@@ -472,6 +472,12 @@ def called(*words):
     return result.stdout or result.stderr
 
 
+def test_a_rig_is_refused_with_the_command_that_compares_laws_on_it():
+    (line,) = str(called("run", "afl", "--on", "tube")).splitlines()
+    assert line.startswith("--on tube: the benchmark has rigs of its own")
+    assert "ballplate compare line --on tube" in line
+
+
 def test_entries_on_different_rigs_are_not_mixed(shipped):
     season = Benchmark(key=KEY).season
     for name, own in (("frozen", {}), ("ours", {"season": season}), ("new", {"season": ""})):

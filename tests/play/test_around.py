@@ -166,6 +166,21 @@ def test_gains_by_default_can_be_moved_too():
     assert setting_of_slider(tables, found[3], -5.0) == {"controller.poles": [-2, -2.5, -3.5, -5]}
 
 
+@pytest.mark.parametrize(
+    ("kind", "name", "along_x"),
+    [("friction_kalman", "R", 1), ("friction_map_kalman", "map_sides", 1), ("kalman", "R", 2)],
+)
+def test_no_slider_of_one_axis_is_of_the_second(kind, name, along_x):
+    def entries(rig):
+        set_ = [f"parameters={rig}", f'observer={{kind="{kind}"}}', "predictor.delay=0.04"]
+        tables = complete(load("circle", set_).model_dump(mode="json"))
+        key = f"observer.{name}"
+        return [each.entry for each in gains(tables, "observer") if each.key == key]
+
+    assert entries("tube") == list(range(along_x))
+    assert entries("course") == list(range(2 * along_x))
+
+
 def test_the_error_so_far_is_that_of_all_pictures_and_forgets_what_was_undone():
     def row(time, error, clean):
         now = {

@@ -368,6 +368,14 @@ MARKS = """() => {
 }"""
 
 
+ARROW = """() => {
+    const arrow = document.querySelector("svg[data-time] line[stroke='#c2185b']");
+    const [x1, y1, x2, y2] = ["x1", "y1", "x2", "y2"].map(name => Number(arrow.getAttribute(name)));
+    return {along: x2 - x1, down: y2 - y1};
+}"""
+"""How far the arrow of a push goes to the right and down."""
+
+
 @pytest.mark.parametrize("rig", ["tube", "beam"])
 def test_on_one_axis_marks_are_as_small_as_on_the_plate_and_y_is_nowhere(browser, tmp_path, rig):
     with playing("line", "--on", rig, "--out", str(tmp_path / "run")) as played:
@@ -382,4 +390,15 @@ def test_on_one_axis_marks_are_as_small_as_on_the_plate_and_y_is_nowhere(browser
             assert found["side"] > 0.8
             assert not {"y", "theta"} & set(found["words"])
             assert not any(word.startswith("theta") for word in found["words"])
+        page.set_viewport_size({"width": 1400, "height": 900})
+        page.get_by_test_id("pause").click()
+        page.wait_for_timeout(500)
+        ball = page.locator("svg[data-time] circle[style]").bounding_box()
+        x, y = ball["x"] + ball["width"] / 2, ball["y"] + ball["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 30, y + 60)
+        arrow = page.evaluate(ARROW)
+        assert arrow["down"] == 0
+        assert arrow["along"] > 0
         assert page.wrong == []

@@ -275,8 +275,19 @@ def _count_runs(title: str, benchmark: Benchmark) -> Iterator[Callable[[int, int
         yield lambda done, lost: advance(done, f"{lost} not finished")
 
 
+def _refuse_rig(_: click.Context, __: click.Parameter, rig: str | None) -> None:
+    """Report that the benchmark has rigs of its own, of two axes."""
+    if rig is not None:
+        compared = f"""ballplate compare line --on {rig} --vary 'controller.kind=["pid", "lqr"]'"""
+        raise ScenarioError(
+            f"--on {rig}: the benchmark has rigs of its own, plates of two axes; to compare laws "
+            f"on this rig: {compared}"
+        )
+
+
 @bench.command(cls=Command, example="bench run my_law.py --out entry")
 @click.argument("entry")
+@click.option("--on", hidden=True, expose_value=False, callback=_refuse_rig)
 @click.option("--out", type=PATH_TYPE, help="Folder of the entry [runs/bench-ENTRY].")
 @SEASON_OPTION
 @PROCESSES_OPTION

@@ -178,6 +178,8 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
         table: ``controller`` or ``observer``.
     """
     present = tables[table]
+    one_axis = value_in(tables, "plant.axes") == 1
+    first_of_y = PAGE_TABLES["second_axis"][table].get(present["kind"], {}) if one_axis else {}
     meanings = {each.key: each.meaning for each in every_kind()[f"{table}.{present['kind']}"]}
     found: list[Slider] = []
     for item in catalog_settings(choices(table)[present["kind"]]):
@@ -189,7 +191,7 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
         if replaced or not plain:
             continue
         key = f"{table}.{item.name}"
-        for entry, number in enumerate(numbers):
+        for entry, number in enumerate(numbers[: first_of_y.get(item.name)]):
             low, high = sorted((number / GAIN_SLIDER_FACTOR, number * GAIN_SLIDER_FACTOR))
             label = f"{item.name} {entry + 1}" if several else item.name
             meaning = "" if entry else meanings.get(key, "")

@@ -124,7 +124,8 @@ export default {
     },
     move(event) {
       if (!this.held) return;
-      const [x, y] = this.place(event), a = this.at, size = 1000 * this.scale;
+      const a = this.at, size = 1000 * this.scale, [x, aside] = this.place(event);
+      const y = this.line ? size * this.now[a.y] : aside; // a push of a rig of one axis is along x
       if (this.held === "goal") {
         const gx = Math.max(-this.reach[0], Math.min(this.reach[0], x));
         const gy = Math.max(-this.reach[1], Math.min(this.reach[1], y));

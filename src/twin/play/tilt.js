@@ -10,7 +10,7 @@ export default {
       <div v-for="side in sides" :key="side.axis" style="flex:1 1 10rem">
         <svg viewBox="-400 -235 800 470" :data-testid="'side-' + side.axis"
              style="width:100%;display:block;background:#f4f6f8;border-radius:4px">
-          <text x="-385" y="-190" font-size="40" fill="#37424a">{{ side.title }}</text>
+          <text v-if="sides.length > 1" x="-385" y="-190" font-size="40" fill="#37424a">{{ side.title }}</text>
           <text :ref="side.axis + 'Told'" x="-385" y="215" font-size="44" font-weight="bold" :fill="side.colour"/>
           <line x1="-385" y1="0" x2="385" y2="0" stroke="#9fb0bd" stroke-width="3" stroke-dasharray="14 10"/>
           <path d="M 0 4 L -34 110 H 34 Z" fill="#cfd8de" stroke="#5b6770" stroke-width="3"/>
