@@ -383,17 +383,18 @@ def weakened_dither(law: Any, scenario: Scenario) -> str:
 
 
 def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
-    """Warn of a reference that the plate cannot give.
+    """Warn of a reference that the plate cannot give, or that is to leave it after the run.
 
     Args:
         scenario: What is to run.
         reporter: Receives progress and warnings.
         label: Which of several runs it is.
     """
-    from twin.run.finished import out_of_reach
+    from twin.run.finished import beyond_area, out_of_reach
 
-    if line := out_of_reach(scenario):
-        reporter.warn(f"{label}: {line}" if label else line)
+    for line in (beyond_area(scenario), out_of_reach(scenario)):
+        if line:
+            reporter.warn(f"{label}: {line}" if label else line)
 
 
 def importable(scenario: Scenario) -> bool:
