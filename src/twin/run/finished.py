@@ -376,7 +376,7 @@ def beyond_area(scenario: Scenario) -> str | None:
     only ends earlier is not.
     """
     choice, area = scenario.reference, scenario.rig.limits.area
-    cls = choices("reference")[choice.kind]
+    cls: Any = choices("reference")[choice.kind]
     for name in cls.lengths:
         length = choice.settings.get(name, getattr(cls, name, None))
         pair = length if isinstance(length, list | tuple) else (length,)
