@@ -316,7 +316,7 @@ def one_run(
 
 UNSTABLE_ADVICE = (
     "; with these gains the ball may be lost. With the same --on, `ballplate run cure{}` has a law "
-    "that knows how late the plate is, and `ballplate tune {}` searches gains that keep the ball"
+    "that knows how late the plate is, and `ballplate tune {}` searches other gains"
 )
 LATER_WARNING = (
     "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say",
