@@ -315,8 +315,8 @@ def one_run(
 
 
 UNSTABLE_ADVICE = (
-    "; with these gains the ball may be lost: `ballplate tune {} --on RIG` searches others, and "
-    "`ballplate run cure --on RIG` has a law that knows how late the plate is"
+    "; with these gains the ball may be lost. With the same --on, `ballplate run cure{}` has a law "
+    "that knows how late the plate is, and `ballplate tune {}` searches other gains"
 )
 LATER_WARNING = (
     "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say",
@@ -341,14 +341,15 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     with own_errors():
         controller = build_controller(scenario)
     (late, lag), knows = scenario.lateness, scenario.predictor
+    assumed = scenario.rig.plate_lag
     unstable = instability(controller.law, controller.observer, dead_time=late, lag=lag)
     if unstable and (law := scenario.controller.kind) in shipped_in("tunes"):
-        unstable += UNSTABLE_ADVICE.format(law)
+        untold = lag > LONGEST_LAG and not assumed
+        unstable += UNSTABLE_ADVICE.format(f" --set rig.plate_lag={lag:.2g}" if untold else "", law)
     dangers = [unstable]
     dangers.append(slow_observer(controller.law, controller.observer))
     dangers.append(weakened_dither(controller.law, scenario))
     dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
-    assumed = scenario.rig.plate_lag
     encoders = getattr(scenario.observer, "plate", "") != "modelled"
     unknown = lag - assumed if assumed or not encoders else max(0.0, lag - LONGEST_LAG)
     drives = scenario.plant.servo.dead_time  # no assumed value contains it where there are encoders
@@ -383,17 +384,18 @@ def weakened_dither(law: Any, scenario: Scenario) -> str:
 
 
 def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
-    """Warn of a reference that the plate cannot give.
+    """Warn of a reference that the plate cannot give, or that is to leave it after the run.
 
     Args:
         scenario: What is to run.
         reporter: Receives progress and warnings.
         label: Which of several runs it is.
     """
-    from twin.run.finished import out_of_reach
+    from twin.run.finished import beyond_area, out_of_reach
 
-    if line := out_of_reach(scenario):
-        reporter.warn(f"{label}: {line}" if label else line)
+    for line in (beyond_area(scenario), out_of_reach(scenario)):
+        if line:
+            reporter.warn(f"{label}: {line}" if label else line)
 
 
 def importable(scenario: Scenario) -> bool:

@@ -111,6 +111,26 @@ def test_an_action_that_is_computed_for_long_takes_the_place_of_the_one_before_s
         gymnasium.make(name, hold=5, computing_time=0.0101, **more)
 
 
+def test_a_picture_shows_the_true_ball_the_goal_and_the_plate_where_they_are():
+    start = {"plant.start.x": 0.1, "plant.start.y": -0.05}
+    env = RigEnv("hold", {**EXACT, **start}, render_mode="rgb_array")
+    env.reset(seed=1)
+    image = env.render()
+    pixel = 0.7 / image.shape[1]
+    assert image.shape == (round(0.395 / pixel), 480, 3)
+    assert env.metadata["render_fps"] == 50
+
+    def middle(colour):
+        rows, columns = np.nonzero((image == colour).all(axis=-1))
+        return (columns.mean() + 0.5) * pixel - 0.35, 0.1975 - (rows.mean() + 0.5) * pixel
+
+    assert middle((230, 159, 0)) == pytest.approx((0.1, -0.05), abs=pixel)
+    assert middle((0, 158, 115)) == pytest.approx((0.0, 0.0), abs=pixel)
+    assert RigEnv("hold", EXACT).render() is None
+    with pytest.raises(TwinError, match="render_mode: must be 'rgb_array' or None, got 'human'"):
+        RigEnv("hold", render_mode="human")
+
+
 def test_the_goal_is_seen_as_far_ahead_as_is_asked_for():
     circle = {"settings": EXACT | {"duration": 4.0}, "preview": (0.2, 0.5), "hold": 100}
     env = gymnasium.make("ballplate.gym:ballplate/Track-v0", **circle)

@@ -78,7 +78,7 @@ CALLS = {
         lambda: bp.run("circle", on="emulated", trace="a.pcap")
     ],
     "mujoco": [lambda: bp.run("hold", {"plant.kind": "x"}, on="r.toml")],
-    "no such record": [lambda: bp.load("nowhere")],
+    "no such run folder": [lambda: bp.load("nowhere")],
     "log nowhere: not found": [lambda: bp.identify("nowhere")],
     "study 'nowhere': not found": [lambda: bp.study("nowhere")],
     "at least one key": [lambda: bp.sweep("hold", {})],

@@ -19,7 +19,7 @@ from ballplate.changes import changes_of, scenario_of
 from ballplate.reporter import Notebook, Reporter
 from ballplate.running import rig_label, warn_of_dangers
 from twin.base.shipped import shipped_in
-from twin.run.finished import out_of_reach
+from twin.run.finished import beyond_area, out_of_reach
 from twin.run.loop import simulate
 from twin.scenario import load
 
@@ -170,6 +170,21 @@ def test_a_reference_that_the_plate_cannot_give_is_said_before_the_run(settings,
 @pytest.mark.parametrize("scenario", ["cure", "circle", "step", "sine", "hold", "excite"])
 def test_of_a_reference_that_the_plate_can_give_nothing_is_said(scenario):
     assert out_of_reach(load(scenario)) is None
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "line"),
+    [
+        (0.15, None),
+        (15.0, "reference.amplitude: 15 m is beyond rig.limits.area = 0.25, 0.15 m; in 1 s the"),
+        ([0.1, 15.0], "reference.amplitude: 0.1, 15 m is beyond rig.limits.area"),
+    ],
+)
+def test_a_length_beyond_the_area_is_said_where_the_run_ends_before_it(amplitude, line):
+    kind = "sine" if isinstance(amplitude, list) else "circle"
+    settings = ["duration=1", f"reference={{kind='{kind}', amplitude={amplitude}}}"]
+    found = beyond_area(load("circle", settings))
+    assert found is None if line is None else found.startswith(line)
 
 
 HOBBY = "cure parameters=hobby"  # a lag of 60 ms and 30 ms of dead time

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing.shared_memory import SharedMemory
 
 import pytest
 
@@ -135,6 +136,31 @@ def test_no_process_outlives_the_one_that_began_it(kind, tmp_path):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(each, signal.SIGKILL)
         first.stdout.close()
+
+
+KILLED = """
+import os, signal
+from multiprocessing import resource_tracker
+from multiprocessing.shared_memory import SharedMemory
+from twin.base.jobs import start_resource_tracker
+resource_tracker.ensure_running() if {early} else start_resource_tracker()
+memory = SharedMemory(create=True, size=8)
+print(memory.name, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows removes it by itself")
+@pytest.mark.parametrize("early", [False, True])
+def test_the_shared_memory_of_a_killed_process_is_removed_without_a_word(early):
+    ran = subprocess.run(
+        [sys.executable, "-c", KILLED.format(early=early)],
+        check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert ran.returncode == -signal.SIGKILL
+    assert ("resource_tracker" in ran.stderr) == early  # Python's own way, for comparison
+    with pytest.raises(FileNotFoundError):
+        SharedMemory(ran.stdout.strip())
 
 
 def test_results_are_the_same_on_any_number_of_processes():

@@ -87,6 +87,8 @@ LINES = {
     "run circle --learn": "only with --shadow",
     "analyse sign": "not found",
     "reproduce 8.22": "no table '8.22'; there are 8.1 to 8.21 and 9.1 to 9.9",
+    "trace mine/note.log": "no such trace; did you mean 'mine/notes.txt'?",
+    "report runs/nothing": "runs/nothing: no such run folder",
     "study frictoin": "did you mean 'friction'? (known: chapter9,",
     "study friction --out a_file": "cannot be written: a file is where a folder should be",
     "compare hold --vary duration": "KEY=",
@@ -140,6 +142,7 @@ LINES = {
 """A command line to words of what is told."""
 TABLE = [(line.split(), words) for line, words in LINES.items()]
 TABLE += [
+    (["describe", ""], "nothing called ''; `ballplate describe` lists every key"),
     (["run", "circle", "--out", ""], "--out: names no folder"),
     (["report", "n" * 5000], "no file can have so long a name"),
 ]

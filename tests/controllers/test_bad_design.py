@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import ballplate as bp
 from ballplate.reporter import BallplateWarning
+from ballplate.running import warn_of_dangers
 from controllers.advanced import InternalModel
 from controllers.analysis import instability, slow_observer
 from controllers.classical import AFL, LQR, AFLIntegral, Feedforward, PolePlacement
@@ -19,6 +21,7 @@ from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
 from twin.run.assemble import build_controller
+from twin.scenario import load
 
 
 def test_a_luenberger_of_the_thesis_is_fast_enough_with_and_without_predictor():
@@ -103,7 +106,18 @@ def test_gains_too_fast_for_the_period_are_warned_about_with_their_poles(ballpla
     _, _, err = ballplate("run", "hold", "--plant", "lagrange", "--set", "duration=0.1", *law)
     assert "warning: the sampled loop is unstable" in err
     assert "poles" in err
-    assert "the ball may be lost: `ballplate tune afl --on RIG` searches others" in err
+    assert "the ball may be lost. With the same --on, `ballplate run cure` has a law" in err
+    assert "and `ballplate tune afl` searches other gains" in err
+
+
+def test_the_advice_for_an_unstable_loop_states_a_lag_that_the_cure_would_not_find():
+    told = []
+    reporter = SimpleNamespace(warn=told.append)
+    for lag, says in ((0.0, "run cure --set rig.plate_lag=0.07`"), (0.07, "run cure`")):
+        slow = ("plant.servo.bandwidth_hz=2.27", "controller.kind=pid", f"rig.plate_lag={lag}")
+        warn_of_dangers(load("hold", ["parameters=hobby", *slow]), reporter)
+        assert says in told[0]
+        told.clear()
 
 
 @dataclass(frozen=True, kw_only=True)

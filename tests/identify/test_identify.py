@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -12,12 +13,12 @@ from click.testing import CliRunner
 from twin.cli.understand import identify as command
 from twin.identify.least_squares import STEP_CONTROL, minimise
 from twin.identify.logs import LOG_COLUMN_UNITS, read
-from twin.identify.parameters import DEFAULT_PARAMETERS
+from twin.identify.parameters import BALL_PARAMETERS, DEFAULT_PARAMETERS, SERVO_PARAMETER
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
-from twin.identify.twin_model import _assess_servo, identify_twin
-from twin.identify.verdicts import HOLD_OUT
+from twin.identify.twin_model import TwinIdentification, _assess_servo, identify_twin
+from twin.identify.verdicts import HOLD_OUT, ParameterVerdict
 from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
 
@@ -89,6 +90,33 @@ def test_what_positions_cannot_show_is_said_with_the_experiment_that_would(found
     assert spring.word == "not identifiable"
     assert spring.value is None
     assert "motor torque" in spring.why
+
+
+@pytest.mark.parametrize("rig", ["hobby", ""])
+def test_over_a_rigs_file_the_controller_assumes_what_was_found(rig, tmp_path):
+    verdicts = [
+        ParameterVerdict(
+            about=about, name=name, value=value, low=value, high=value, word="identified"
+        )
+        for name, about, value in (
+            ("delay", BALL_PARAMETERS["delay"], 0.04),
+            ("servo", SERVO_PARAMETER, 2.27),
+        )
+    ]
+    over = {"parameters": '"hobby"'} if rig else {}
+    found = SimpleNamespace(verdicts=verdicts, on=rig, over=over, log=SimpleNamespace(axes=2))
+    lines = TwinIdentification.settings(found, {"identified"})
+    text = "".join(f"{key} = {value}\n" for key, value in lines.items())
+    (tmp_path / "parameters.toml").write_text(text, encoding="utf-8")
+    twin, named = (
+        load("cure", each and [f"parameters={each}"])
+        for each in (tmp_path / "parameters.toml", rig)
+    )
+    assert (twin.sensors.touch.dead_time, twin.plant.servo.bandwidth_hz) == (0.04, 2.27)
+    assumed = (0.04, pytest.approx(1 / (2 * np.pi * 2.27), rel=1e-5))
+    before = (named.predictor.delay, named.rig.plate_lag)
+    assert (twin.predictor.delay, twin.rig.plate_lag) == (assumed if rig else before)
+    assert before == ((0.03, 0.06) if rig else (0.042, 0.0))
 
 
 @pytest.mark.long

@@ -604,6 +604,21 @@ def test_a_pack_for_a_course_system_has_what_it_needs_and_no_solution(tmp_path: 
         pack(lab, "gradescope", tmp_path / "x.zip", KEY, None)
 
 
+def test_a_student_may_have_a_notebook_of_the_own_rig(tmp_path: Path) -> None:
+    lab = read(MINI)
+    hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, tmp_path / "class", notebook=True)
+    for student in ("ann", "bob"):
+        own = tmp_path / "class" / student
+        cells = json.loads((own / "mini.ipynb").read_text(encoding="utf-8"))["cells"]
+        *sheet, starter, check = ("".join(each["source"]) for each in cells)
+        assert "\n\n".join(sheet).split() == (own / "task.md").read_text(encoding="utf-8").split()
+        filled = (own / lab.answer.file).read_text(encoding="utf-8")
+        assert starter == f"%%writefile {lab.answer.file}\n{filled}".strip()
+        assert check.endswith('bp.lab.check("mini")')
+    hand_out(lab, {"ann": "."}, KEY, tmp_path / "without")
+    assert not list((tmp_path / "without").glob("*.ipynb"))
+
+
 def test_a_key_in_the_folder_of_a_lab_goes_to_nobody(tmp_path: Path) -> None:
     folder = tmp_path / "mini"
     shutil.copytree(MINI, folder)

@@ -159,6 +159,15 @@ def test_a_gain_is_moved_and_the_others_of_its_key_stay():
     assert setting_of_slider(tables, rho, 600.0) == {"controller.rho": 600.0}
 
 
+def test_gains_have_the_names_that_their_law_gives_them():
+    def labels(*settings):
+        return [each.label for each in of_law("circle", *settings)[1]]
+
+    assert labels() == ["gains p0", "gains p1", "gains p2", "gains p3"]
+    assert labels("controller.kind=backstepping")[:4] == ["c c1", "c c2", "c c3", "c c4"]
+    assert labels("controller.kind=pid")[-2:] == ["plate 1", "plate 2"]
+
+
 def test_gains_by_default_can_be_moved_too():
     tables, found = of_law("circle", "controller.kind=pole_placement")
     assert [shown_by(tables, each) for each in found] == [-2, -2.5, -3.5, -4]

@@ -83,6 +83,10 @@ def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     with (folder / "rows.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert table.num_rows == len(rows) == 4
+    units = {each.name: each.metadata[b"unit"].decode() for each in table.schema}
+    assert units["rms_error"] == units["rms_distance"] == "m"
+    assert (units["tracking_error_percent"], units["outcome"]) == ("%", "")
+    assert json.loads(table.schema.metadata[b"ballplate"])["versions"]["python"].startswith("3.")
     assert [row["outcome"] != "finished" for row in rows] == [
         v == "flung" for v in table["variant"].to_pylist()
     ]

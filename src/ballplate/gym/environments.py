@@ -50,7 +50,7 @@ from twin.base.errors import ScenarioError, TwinError
 from twin.hal.interface import SCREEN_SIZE_M
 from twin.run.assemble import build_reference
 from twin.run.loop import Episodes
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import Dimensions, Scenario
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 
@@ -255,13 +255,64 @@ class Rigs:
         return {
             "state": state,
             "time": ticks * self.task.period,
-            "error": np.hypot(*(state[:, 0::4] - self._goal(ticks)).T),
+            "error": np.hypot(*(state[:, 0::4] - self.goal()).T),
         }
+
+    def goal(self) -> Array:
+        """Goal (x, y) of now in m, shape (N, 2)."""
+        return self._goal(self.episodes.ticks)
+
+    def path(self, rig: int) -> Array:
+        """Goals (x, y) in m of a rig's whole episode, shape (periods, 2)."""
+        return self._paths[self._which[rig], : self.task.ticks + 1]
 
     def _goal(self, ticks: NDArray[np.integer]) -> Array:
         """Goal (x, y) in m at ticks of each rig, shape (..., N), as (..., N, 2)."""
         last = self._paths.shape[1] - 1  # rigs with a finished episode are past it
         return self._paths[self._which, np.minimum(ticks, last)]
+
+
+PICTURE_SIDE_PX = 480
+"""Longer side of a picture in pixels."""
+BACKGROUND, PLATE, AREA, PATH, GOAL, BALL = (
+    np.array(colour, np.uint8)
+    for colour in (
+        (255, 255, 255),
+        (225, 229, 234),
+        (205, 211, 219),
+        (0, 0, 0),
+        (0, 158, 115),
+        (230, 159, 0),
+    )
+)
+"""Colours of a picture, RGB."""
+PATH_POINT_M = 0.001
+"""Half the width of a path in a picture, m."""
+
+
+def picture(size: Dimensions, ball: Array, goal: Array, path: Array) -> NDArray[np.uint8]:
+    """A plate from above with x to the right and y upwards, shape (height, width, 3), RGB.
+
+    Args:
+        size: Plate, operating area and ball.
+        ball: Position in m, shape (2,).
+        goal: The desired one in m, shape (2,).
+        path: Desired positions of the episode in m, shape (K, 2).
+    """
+    width, height = size.screen
+    pixel = max(width, height) / PICTURE_SIDE_PX
+    columns, rows = (max(2, round(side / pixel)) for side in (width, height))
+    x = (np.arange(columns) + 0.5) * pixel - width / 2
+    y = height / 2 - (np.arange(rows)[:, None] + 0.5) * pixel
+    image = np.full((rows, columns, 3), BACKGROUND, np.uint8)
+    on_plate = np.hypot(x, y) <= width / 2 if size.round else np.full((rows, columns), True)
+    image[on_plate] = PLATE
+    image[on_plate & (np.abs(x) <= size.area[0]) & (np.abs(y) <= size.area[1])] = AREA
+    for place in path[:: max(1, len(path) // PICTURE_SIDE_PX)]:
+        image[np.maximum(np.abs(x - place[0]), np.abs(y - place[1])) <= PATH_POINT_M] = PATH
+    for place, radius, colour in ((goal, size.ball / 2, GOAL), (ball, size.ball, BALL)):
+        image[np.hypot(x - place[0], y - place[1]) <= max(radius, pixel)] = colour
+    return image
 
 
 class RigEnv(gymnasium.Env[Array, Array]):
@@ -273,18 +324,21 @@ class RigEnv(gymnasium.Env[Array, Array]):
     Args:
         of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview,
             computing_time.
-        render_mode: None are known.
+        render_mode: ``rgb_array`` for pictures of the plate from above by ``render``.
         more: Those of them that are named.
 
     Raises:
         TwinError: If anything is unknown or out of range.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  as the base class has it
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012  as the base class has it
 
     def __init__(self, *of_task: Any, render_mode: str | None = None, **more: Any) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ScenarioError(f"render_mode: must be 'rgb_array' or None, got {render_mode!r}")
         task = Task(*of_task, **more)
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1 / (task.hold * task.period))}
         self.observation_space, self.action_space = task.observation_space, task.action_space
         self.rigs = Rigs(task, 1)
 
@@ -311,6 +365,14 @@ class RigEnv(gymnasium.Env[Array, Array]):
             (info["reason"],) = self.rigs.episodes.reasons(np.arange(1))
         seen = self.rigs.observation()[0]
         return seen, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """A picture of the plate now: the true ball, the goal and the path; None without a mode."""
+        if self.render_mode is None:
+            return None
+        rigs = self.rigs
+        ball, goal = rigs.episodes.state[0, 0::4], rigs.goal()[0]
+        return picture(rigs.episodes.scenarios[0].dimensions, ball, goal, rigs.path(0))
 
     def _info(self) -> dict[str, Any]:
         about = {name: values[0] for name, values in self.rigs.info().items()}

@@ -180,13 +180,31 @@ def ignore_interrupts(*more: signal.Signals, forks: bool = False) -> Iterator[No
         yield
         return
     if not forks:
-        resource_tracker.ensure_running()  # when it is started, it lets Ctrl-C through again
+        start_resource_tracker()  # when it is started, it lets Ctrl-C through again
     # a process keeps the mask it is started with
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *more})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+TRACKER_FILTER = "ignore:resource_tracker:UserWarning"
+"""Filter of warnings of Python's process that removes shared memory: of those it left behind."""
+
+
+def start_resource_tracker() -> None:
+    """Start Python's process that removes the shared memory of a killed one, without a word of it.
+
+    Windows has none, and needs none.
+    """
+    if sys.platform == "win32":
+        return
+    sys.warnoptions.append(TRACKER_FILTER)  # it is started with them
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(TRACKER_FILTER)
 
 
 @contextmanager

@@ -290,12 +290,10 @@ LISTED_KINDS = {"laws": "controller", "observers": "observer", "references": "re
 
 
 @options.command(example="describe plant.friction", reads=True)
-@click.argument(
-    "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=options.names
-)
+@click.argument("name", metavar="[KEY|TABLE|KIND]", required=False, shell_complete=options.names)
 @options.LAW_OPTION
 @options.JSON_OPTION
-def describe(name: str) -> int:
+def describe(name: str | None) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
     A word is searched in the names, then in the meanings. `laws`, `observers` and `references`
@@ -304,11 +302,13 @@ def describe(name: str) -> int:
     from twin.scenario.describe import about, find_keys
     from twin.scenario.schema import choices
 
-    if table := LISTED_KINDS.get(name):
+    if name is not None and not name.strip():
+        raise ScenarioError(f"nothing called '{name}'; `ballplate describe` lists every key")
+    if table := LISTED_KINDS.get(name or ""):
         show_titles({kind: about(f"{table}.{kind}") for kind in choices(table)})
         return 0
-    found = find_keys(name)
-    sentence = about(name)
+    found = find_keys(name or "")
+    sentence = about(name or "")
     shown: list[Shown] = [bold(sentence)] if sentence else []
     shown += [line for key in found for line in _lines(key)] or ["It has no settings."]
     if not name:

@@ -413,6 +413,9 @@ def _refuse_missing(answer: Path | None) -> None:
 
 LAB_ARGUMENT = click.argument("lab", callback=_lab)
 KEY_OPTION = click.option("--key", type=PATH_TYPE, help="File with the course's key.")
+NOTEBOOK_OPTION = click.option(
+    "--notebook", is_flag=True, help="Also a notebook of sheet, starter and check."
+)
 
 
 @click.group(cls=Group, example="lab check signs answer.py")
@@ -454,7 +457,8 @@ def new(name: str, like: str | None, out: Path | None) -> int:
 @click.option("--student", required=True, help="Your name or number.")
 @click.option("--out", type=PATH_TYPE, help="New folder [LAB-STUDENT].")
 @KEY_OPTION
-def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
+@NOTEBOOK_OPTION
+def start(lab: Lab, student: str, out: Path | None, key: Path | None, *, notebook: bool) -> int:
     """Begin a lab: the sheet, a starter that runs, the rig of your own.
 
     Without the course's key the rig is one to practise on; your lecturer hands out yours.
@@ -462,8 +466,8 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
     from twin.lab.schema import hand_out
 
     folder = out or Path(f"{lab.name}-{student}")
-    hand_out(lab, {student: "."}, _text(key), folder)
-    files = f"task.md, {lab.answer.file}, rig.toml"
+    hand_out(lab, {student: "."}, _text(key), folder, notebook=notebook)
+    files = f"task.md, {lab.answer.file}, rig.toml{f', {lab.name}.ipynb' if notebook else ''}"
     say(f"{folder}/: {files}; then: ballplate lab check {lab.called}")
     return 0
 
@@ -500,7 +504,10 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
 @click.argument("students", type=PATH_TYPE)
 @KEY_OPTION
 @click.option("--out", type=PATH_TYPE, help="New folder with one a student [variants-LAB].")
-def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> int:
+@NOTEBOOK_OPTION
+def variants(
+    lab: Lab, students: Path, key: Path | None, out: Path | None, *, notebook: bool
+) -> int:
     """Draw a rig for every student of a class, and write the folder that each begins with.
 
     The class is a CSV file; its first column names the students, below a heading.
@@ -509,7 +516,8 @@ def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> in
     from twin.lab.schema import students as named
 
     people, folder = named(students), out or Path(f"variants-{lab.name}")
-    hand_out(lab, {student: student for student in people}, _text(key), folder)
+    places = {student: student for student in people}
+    hand_out(lab, places, _text(key), folder, notebook=notebook)
     say(f"{folder}/: {len(people)} rigs")
     return 0
 

@@ -96,7 +96,7 @@ def _effects(found: Explanation) -> Iterator[Shown]:
             rows.append((label, "", "", percentage(share)))
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
     yield f"all effects: {size_text(found.whole)}"
-    yield f"none of them: {size_text(found.none)}"
+    yield f"none of them: {size_text(found.none)}: the law itself, on a clean model"
     has = present(found.scenario)
     lacking = [effect.label for effect in EFFECTS if effect not in has]
     if lacking:

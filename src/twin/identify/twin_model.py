@@ -613,7 +613,10 @@ class TwinIdentification(Identification):
     whiteness: Whiteness
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
-        """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""
+        """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
+
+        Over a rig's file, dead time and lag are also what law and observer assume, as in the file.
+        """
         known = {
             each.name: each
             for each in self.verdicts
@@ -628,6 +631,11 @@ class TwinIdentification(Identification):
             known_ends = pair[: self.log.axes]
             ends = "; ".join("unknown" if each is None else each.interval for each in known_ends)
             values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"
+        delay, corner = known.get("delay"), known.get("servo")
+        if self.on and delay and delay.value:
+            values["predictor.delay"] = f"{delay.value:.6g}  # as found"
+        if self.on and corner and corner.value:
+            values["rig.plate_lag"] = f"{1 / (2 * math.pi * corner.value):.6g}  # of these drives"
         return values | self.over
 
     def as_dict(self) -> dict[str, Any]:

@@ -57,6 +57,7 @@ from twin.lab.schema import (
     reload_deal,
     starter,
     toml,
+    write_notebook,
 )
 from twin.lab.words import words
 from twin.run.tables import flat
@@ -219,18 +220,18 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
     check_without_key(place, key)
+    if not graded:
+        write_notebook(lab, inner, lab.sheet, lab.text(lab.answer.file))
+        return
     for template in (LAB_TEMPLATE_FOLDER / system).iterdir():
-        text = rendered(template, lab=lab, key=key, requirement=wanted)
-        if template.stem.endswith(".ipynb"):
-            text = json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
-        made = inner / template.stem.replace("notebook", lab.name)
-        write_whole(made, text)
-        made.chmod(0o755 if graded else 0o644)
-    if graded and key:  # in a folder of its own, from which no answer is copied
+        made = inner / template.stem
+        write_whole(made, rendered(template, lab=lab, key=key, requirement=wanted))
+        made.chmod(0o755)
+    if key:  # in a folder of its own, from which no answer is copied
         write_whole(inner / KEY_FOLDER / "key.txt", key)
         (inner / KEY_FOLDER / "key.txt").chmod(0o600)
         (inner / KEY_FOLDER).chmod(0o700)
-    if graded and wheel:
+    if wheel:
         shutil.copy(wheel, inner)
 
 

@@ -542,7 +542,9 @@ def check_name(student: str) -> None:
         )
 
 
-def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path) -> None:
+def hand_out(
+    lab: Lab, places: Mapping[str, str], key: str | None, folder: Path, *, notebook: bool = False
+) -> None:
     """Write the files with which students begin: sheet, starter, rig, log.
 
     Args:
@@ -550,6 +552,7 @@ def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path)
         places: Students, and their folders within the new one, ``.`` for itself.
         key: The key of the course; without one the rigs are for practice.
         folder: The new folder; must not exist.
+        notebook: Whether to write a notebook of sheet, starter and check as well.
 
     Raises:
         TwinError: If a file of the lab cannot be read, or one not be written, or a log not be run.
@@ -566,14 +569,33 @@ def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path)
             write_whole(own / RIG_FILE, f"{toml(rig)}[told]\n{known}")
             listed = "".join(f"- `{each}` = {value}\n" for each, value in dealt.known.items())
             heading = say("your_rig", student=student, code=dealt.code)
-            about = f"## {heading}\n\n{listed}"
-            write_whole(own / "task.md", f"{sheet}\n\n{about}")
-            write_whole(own / answer, fill_answer(template, dealt.known))
+            text, filled = (
+                f"{sheet}\n\n## {heading}\n\n{listed}",
+                fill_answer(template, dealt.known),
+            )
+            write_whole(own / "task.md", text)
+            write_whole(own / answer, filled)
+            if notebook:
+                write_notebook(lab, own, text, filled)
             record(lab, dealt, own / LOG_FILE)
 
     for student in places:
         check_name(student)
     write_folder(folder, fill)
+
+
+def write_notebook(lab: Lab, folder: Path, sheet: str, answer: str) -> None:
+    """Write a Jupyter notebook of a sheet, a starter and the check of the lab into a folder.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    from twin.base.page import render_template  # noqa: PLC0415  with jinja, for a notebook only
+
+    template = Path(__file__).with_name("templates") / "folder" / "notebook.ipynb.j2"
+    text = render_template(template, lab=lab, sheet=sheet, answer=answer)
+    text = json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
+    write_whole(folder / f"{lab.name}.ipynb", text)
 
 
 def toml(values: Mapping[str, Any]) -> str:

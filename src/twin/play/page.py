@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from time import monotonic
 from typing import Any, NamedTuple
@@ -191,14 +192,32 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
         if replaced or not plain:
             continue
         key = f"{table}.{item.name}"
+        names = entry_names(meanings.get(key, ""), len(numbers))
         for entry, number in enumerate(numbers[: first_of_y.get(item.name)]):
             low, high = sorted((number / GAIN_SLIDER_FACTOR, number * GAIN_SLIDER_FACTOR))
-            label = f"{item.name} {entry + 1}" if several else item.name
+            label = f"{item.name} {names[entry]}" if several else item.name
             meaning = "" if entry else meanings.get(key, "")
             found.append(
                 Slider(key, entry if several else None, label, "", 1, low, high, 0, meaning)
             )
     return found
+
+
+def entry_names(meaning: str, count: int) -> list[str]:
+    """Names of the entries of a setting as its meaning has them: ``(p0, p1)`` or ``c1 to c4``.
+
+    Args:
+        meaning: The setting's, in a sentence.
+        count: Number of entries; where there are no such names they are numbers from 1.
+    """
+    for listed in re.findall(r"\(([^()]*)\)", meaning):
+        names = listed.split(", ")
+        if len(names) == count and all(map(str.isidentifier, names)):
+            return names
+    for word, first, last in re.findall(r"\b([a-z]+)(\d+) to \1(\d+)\b", meaning):
+        if int(last) - int(first) + 1 == count:
+            return [f"{word}{number}" for number in range(int(first), int(last) + 1)]
+    return [str(number) for number in range(1, count + 1)]
 
 
 Do = Callable[[Event], None]

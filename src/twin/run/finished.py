@@ -369,6 +369,27 @@ MIN_WARNED_DISTANCE_M = 0.02
 """Distance in m of the path that a law lays from the reference that is worth a warning."""
 
 
+def beyond_area(scenario: Scenario) -> str | None:
+    """One line if a length of the reference is beyond the operating area; else None.
+
+    A reference that reaches it within the run is refused (``assemble.build_reference``); one that
+    only ends earlier is not.
+    """
+    choice, area = scenario.reference, scenario.rig.limits.area
+    cls: Any = choices("reference")[choice.kind]
+    for name in cls.lengths:
+        length = choice.settings.get(name, getattr(cls, name, None))
+        pair = length if isinstance(length, list | tuple) else (length,)
+        numbers = [each for each in pair if isinstance(each, int | float)]
+        if numbers and max(map(abs, numbers)) > max(area):
+            stated = ", ".join(f"{each:g}" for each in numbers)
+            return (
+                f"reference.{name}: {stated} m is beyond rig.limits.area = {area[0]:g}, "
+                f"{area[1]:g} m; in {scenario.duration:g} s the reference does not get there"
+            )
+    return None
+
+
 def out_of_reach(scenario: Scenario) -> str | None:
     """One line if the plate cannot give a scenario's reference, with the figures; else None.
 

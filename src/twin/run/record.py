@@ -356,10 +356,10 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     try:
         table = read_table(file, wanted)
     except FileNotFoundError as error:
-        near = nearest_neighbour(file)
-        raise RecordError(
-            f"{file}: no such record; a run folder contains run.parquet{near}"
-        ) from error
+        absent = "no such record; a run folder contains run.parquet"
+        if not file.suffix:
+            absent = "no such run folder"
+        raise RecordError(f"{file}: {absent}{nearest_neighbour(file)}") from error
     except DamagedError as error:
         raise RecordError(f"{file}: {error}") from error
     except unreadable_errors() as error:

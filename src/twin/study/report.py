@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +26,8 @@ from twin.base import page
 from twin.base.data_file import read_toml
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.base.writing import write_whole
+from twin.run.files import INDICATOR_UNITS
+from twin.run.finished import versions
 from twin.run.picture import literal, style, styled_figure
 from twin.run.tables import INDICATOR_LABELS
 from twin.study.experiments import label_rows
@@ -520,6 +523,20 @@ def _importance(study: Study, found: Sequence[Answer], metric: str) -> list[str]
     return words
 
 
+def with_units(study: Study, table: pa.Table) -> pa.Table:
+    """Rows whose fields have a ``unit`` as metadata, and the table the versions of what ran it."""
+
+    def unit_of(name: str) -> str:
+        if name in study.parameters:
+            about = study.parameters[name]
+            return "1" if about.relative else about.unit
+        return INDICATOR_UNITS.get(name, "")
+
+    fields = [each.with_metadata({"unit": unit_of(each.name)}) for each in table.schema]
+    produced = {"ballplate": json.dumps({"versions": versions(), "title": study.title})}
+    return pa.Table.from_arrays(table.columns, schema=pa.schema(fields, metadata=produced))
+
+
 def write(
     work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path, more: Sequence[Block] = ()
 ) -> None:
@@ -538,7 +555,7 @@ def write(
     study, pictures = work.study, inline_figures(work, found)
     for name, picture in pictures.items():
         write_whole(folder / "figures" / f"{name}.svg", picture)
-    table = label_rows(work.labels, rows)
+    table = with_units(study, label_rows(work.labels, rows))
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))
     good = any(answer.whole.failed < answer.whole.runs for answer in found)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.base.jobs import is_orphan, let_go, spawn, wait_until
+from twin.base.jobs import is_orphan, let_go, spawn, start_resource_tracker, wait_until
 from twin.run.record import Recorder
 
 _NAMES_BYTES = 16384
@@ -36,6 +36,8 @@ class SharedRingBuffer:
 
     def __init__(self, rows: int, width: int, name: str | None = None) -> None:
         size = 8 * _COUNTER_COUNT + _NAMES_BYTES + 8 * rows * width
+        if name is None:
+            start_resource_tracker()
         self._memory = SharedMemory(name, create=name is None, size=size)
         buffer = self._memory.buf
         assert buffer is not None

@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from twin.base.errors import LogError
+from twin.base.shipped import nearest_neighbour
 from twin.base.writing import write_whole
 from twin.devices.akd import TRACE_FILE
 from twin.devices.akd.trace_files import Notes, TracedFrame, read_frames
@@ -126,7 +127,7 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     frames: list[TracedFrame] = []
     files = parts(path)
     if not files:
-        raise LogError(f"{path}: no such trace")
+        raise LogError(f"{path}: no such trace{nearest_neighbour(path)}")
     timed = True
     for file in files:
         notes = Notes()

@@ -1,0 +1,176 @@
+"""Makes own_chain.md: whether excite, identify and the cure work on rigs that nobody has tried.
+
+uv run python docs/own_chain.py                          # 50 drawn rigs: half an hour of a core
+uv run python docs/own_chain.py --rigs 1 --identified 1  # of each kind
+Runs are in C (``twin.study.compiled``), logs for identify in Python. Finished ones are kept in
+runs/own_chain and used again while scenarios and code stay the same.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from docs.cure_family import quantile
+from docs.pages import HERE, clopper_pearson, filled, kept, said, write
+from twin.base.errors import TwinError
+from twin.identify.parameters import DEFAULT_PARAMETERS
+from twin.identify.twin_model import identify_twin
+from twin.identify.verdicts import IDENTIFIED_VERDICT
+from twin.scenario.load import load
+from twin.scenario.schema import Scenario, at_study_step
+from twin.shadow.belief import logs
+from twin.study.compiled import carry_out_compiled
+from twin.study.schema import draw_rigs, read_family
+from twin.study.work import Builder, ScenarioRuns, c_code, code, digest
+
+KINDS = {
+    "": "thesis",
+    "course": "course",
+    "hobby": "hobby",
+    "three_legs": "three_legs",
+    "balancer": "balancer",
+}
+"""Shipped rigs with a plate around which rigs are drawn, and what the page calls them."""
+FAMILY, DRAW, RIGS = "own", 6509, 10
+"""Family of what an owner does not know, its draw, and rigs of each kind."""
+FIXED = ("baseline=false", "plant.kind=lagrange")
+"""Set in every run: the exact equations."""
+EXCITED_S = 40.0
+"""Length of the log in s."""
+GOAL_PERCENT = 3.0
+"""Largest tracking error of the cure that counts as working, %."""
+
+
+class Rig(NamedTuple):
+    """A drawn rig."""
+
+    kind: str
+    """The shipped rig whose file its owner uses; empty for that of the thesis."""
+    truth: tuple[str, ...]
+    """What it is, as overrides."""
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """What its owner knows, as overrides."""
+        return (f"parameters={self.kind}",) if self.kind else ()
+
+
+def drawn(kind: str, count: int) -> list[Rig]:
+    """Rigs around a shipped one."""
+    family, builder = read_family(FAMILY), Builder("excite")
+    relative = {key for key, each in family.parameters.items() if each.relative}
+    known = Rig(kind, ()).known
+    found = []
+    for each in draw_rigs(family, DRAW, count):
+        whole = {**builder.whole_keys(known, each.point, relative), "seed": each.seed}
+        found.append(Rig(kind, tuple(f"{key}={json.dumps(v)}" for key, v in whole.items())))
+    return found
+
+
+def scenario_of(name: str, rig: Rig, *more: str, true: bool = True) -> Scenario:
+    """A scenario on a rig, or on what its owner takes it for."""
+    truth = rig.truth if true else ()
+    return at_study_step(load(name, [*rig.known, *FIXED, *more, *truth]))
+
+
+def known(runs: Sequence[Scenario]) -> list[dict[str, Any]]:
+    """Outcome and tracking error of runs, on the true ball: as kept or simulated."""
+    texts = [code(), c_code(), *(each.model_dump_json() for each in runs)]
+    return kept("own_chain", digest(" ".join(texts)), lambda: simulated(runs))
+
+
+def simulated(runs: Sequence[Scenario]) -> list[dict[str, Any]]:
+    """The same, in JSON."""
+    work = ScenarioRuns(list(runs))
+    names = ("outcome", "reason", "tracking_error_percent")
+    return [
+        {name: row[name] for name in names} for row in carry_out_compiled(work.jobs(work.tasks))
+    ]
+
+
+def identified(rig: Rig) -> dict[str, Any]:
+    """What `ballplate identify` finds of a rig, by names, or why it refuses: as kept or found."""
+    pair = [
+        scenario_of("excite", rig, f"duration={EXCITED_S}", true=true) for true in (False, True)
+    ]
+    sources = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
+    how = " ".join(each.read_text(encoding="utf-8") for each in sources)
+    key = digest(f"{code()} {how} {pair[0].model_dump_json()} {pair[1].model_dump_json()}")
+    return kept("own_chain", key, lambda: verdicts((pair[0], pair[1])))
+
+
+def verdicts(pair: tuple[Scenario, Scenario]) -> dict[str, Any]:
+    """The same, of what the owner believes and what is true; in JSON."""
+    try:
+        found = identify_twin(logs([pair])[0], DEFAULT_PARAMETERS)
+    except TwinError as error:
+        return {"names": [], "why": str(error)}
+    names = [each.name for each in found.verdicts if each.word == IDENTIFIED_VERDICT]
+    return {"names": names, "why": ""}
+
+
+class Found(NamedTuple):
+    """Results of the rigs of a kind."""
+
+    kept: int
+    """Rigs that kept the ball in `excite`."""
+    errors: list[float | None]
+    """Tracking error of the cure in %; None for a ball that was lost."""
+    names: list[list[str]]
+    """Parameters that were identified, of the rigs that were tried."""
+
+    @property
+    def cured(self) -> int:
+        """Rigs on which the cure works."""
+        return sum(each is not None and each <= GOAL_PERCENT for each in self.errors)
+
+    @property
+    def shown(self) -> int:
+        """Rigs of which `identify` finds something."""
+        return sum(map(bool, self.names))
+
+
+def found_of(rigs: Sequence[Rig], count: int) -> Found:
+    """The chain on rigs of a kind, `identify` on the first few."""
+    excited = known([scenario_of("excite", each, f"duration={EXCITED_S}") for each in rigs])
+    for each, row in zip(rigs, excited, strict=True):
+        if row["outcome"] != "finished":
+            click.echo(f"{KINDS[each.kind]}: {row['reason']}: {' '.join(each.truth)}")
+    errors = [
+        row["tracking_error_percent"] for row in known([scenario_of("cure", each) for each in rigs])
+    ]
+    names = [identified(each)["names"] for each in rigs[:count]]
+    return Found(sum(row["outcome"] == "finished" for row in excited), errors, names)
+
+
+def share(hits: int, count: int) -> str:
+    """How many of how many, with the exact 95 % interval of the share."""
+    low, high = clopper_pearson(hits, count)
+    return f"{hits} of {count} ({low:.0f} to {high:.0f} %)"
+
+
+@click.command()
+@click.option("--rigs", type=click.IntRange(min=1), default=RIGS, show_default=True)
+@click.option("--identified", "count", type=click.IntRange(min=0), default=RIGS, show_default=True)
+@click.option("--only", type=click.Choice(list(KINDS.values())), help="One kind, without the page.")
+def main(rigs: int, count: int, only: str | None) -> None:
+    """Carry out excite, identify and the cure on drawn rigs, then write the page."""
+    table = {}
+    for kind, name in KINDS.items():
+        if only in (None, name):
+            table[name] = found_of(drawn(kind, rigs), min(count, rigs))
+            click.echo(f"{name}: {table[name]}")
+    if only is None:
+        parts = {"table": table, "quantile": quantile, "said": said, "share": share}
+        about = {"draw": DRAW, "family": FAMILY, "seconds": EXCITED_S, "goal": GOAL_PERCENT}
+        write(HERE / "own_chain.md", filled("own_chain", rigs=rigs, **about, **parts))
+
+
+if __name__ == "__main__":
+    main()
