@@ -116,7 +116,7 @@ DELAYS_S = {True: (0.0, 0.5), False: (-0.1, 0.5)}
 """Smallest and largest dead time of commands, and of angles that are measured."""
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
 """Processor time of the fit of an axis in s, and the same for each second of its log."""
-SLOWEST_RATIO = 4
+SLOWEST_RATIO = 3
 """Factor on it for a log that the model does not explain."""
 MAX_SCALE_ERROR = 0.2
 """Largest error of the tilt per command that `rig.cam_error_percent` takes, as a share."""
@@ -403,7 +403,7 @@ def _fit_axes(
         verdicts = _assess_axis(fit, axis, units[axis], selection)
         words = {each.name: each.word for each in verdicts}
         known = words[f"gain_{axis}"] == IDENTIFIED_VERDICT
-        predictor, note = choose_predictor(fit, known=known)
+        predictor, note = choose_predictor(fit, known=known, look=looks[axis])
         fits[axis] = choose_lead(predictor)
         notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
