@@ -398,6 +398,17 @@ def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     assert ramp == pytest.approx([0.25, 0.75], abs=1e-9)
 
 
+@pytest.mark.parametrize("half", [0.0, 0.02, 0.5, 3.0])
+def test_play_follows_the_side_of_the_gap_that_touches(half):
+    rng = np.random.default_rng(3)
+    track = np.round(np.cumsum(rng.normal(0.0, 0.1, 400)), 2)  # with stretches at rest
+    place, expected = 0.0, []
+    for low, high in zip(track - half, track + half, strict=True):
+        place = min(max(place, low), high)
+        expected.append(place)
+    assert (apply_play(track, half) == expected).all()
+
+
 def test_play_is_behind_the_lag_of_its_drive():
     time = np.arange(0.0, 3.0, 0.02)
     log = AxisLog(time, np.where(time >= 1.0, 0.5, 0.0), True, time, 0 * time)
