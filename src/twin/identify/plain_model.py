@@ -9,7 +9,7 @@ are independent but for friction. Dead time is all between command and measured 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -572,11 +572,18 @@ def _profile_bracket(fit: AxisFit, name: str, values: Sequence[float]) -> Profil
         found = found.join(profile(fit, name, fresh))
 
 
-def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
+def add_drive_effects(
+    fit: AxisFit, longest: float, tell: Callable[[str], object] = lambda _: None
+) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew.
 
     Each is fitted alone, and the one that explains the same windows best is taken; others that
     explain them nearly as well are its rivals. Then further ones are added to it.
+
+    Args:
+        fit: Without them.
+        longest: Length of the windows in s.
+        tell: Called with the name of each before it is fitted.
     """
     if fit.explained:
         return fit
@@ -592,7 +599,10 @@ def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
     def accepts(other: AxisFit, name: str, own: AxisFit) -> bool:
         return other.value(name) > 0 and other.sigma < how.accepted_residual_share * own.sigma
 
-    alone = {name: _fit_effect(fit, name, each, longest) for name, each in values.items()}
+    alone = {}
+    for name, each in values.items():
+        tell(name)
+        alone[name] = _fit_effect(fit, name, each, longest)
     alone = {name: each for name, each in alone.items() if accepts(each, name, fit)}
     if not alone:
         return fit
@@ -607,6 +617,7 @@ def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
     )
     for name, each in values.items():
         if name != best and not found.explained:
+            tell(name)
             other = _fit_effect(found, name, each, longest)
             found = other if accepts(other, name, found) else found
     return replace(found, rivals=rivals)
@@ -634,8 +645,13 @@ def _fit_effect(fit: AxisFit, name: str, values: Array, longest: float) -> AxisF
     return other
 
 
-def profile_drives(fit: AxisFit) -> AxisFit:
-    """The fit with profiles of drives and lever, by which its intervals know of them."""
+def profile_drives(fit: AxisFit, tell: Callable[[str], object] = lambda _: None) -> AxisFit:
+    """The fit with profiles of drives and lever, by which its intervals know of them.
+
+    Args:
+        fit: Without profiles.
+        tell: Called with the name of each before its profile.
+    """
     how = fit.how.drives
     near = {name: np.array(how.value_factors) * fit.value(name) for name in fit.problem.tilt.tried}
     tried = {
@@ -643,7 +659,11 @@ def profile_drives(fit: AxisFit) -> AxisFit:
     }
     # of a lever that is given
     tried.setdefault("lever", [-2 * how.height_std_m, 0.0, 2 * how.height_std_m])
-    return replace(fit, profiles=tuple(profile_contenders(fit, *each) for each in tried.items()))
+    profiles = []
+    for name, values in tried.items():
+        tell(name)
+        profiles.append(profile_contenders(fit, name, values))
+    return replace(fit, profiles=tuple(profiles))
 
 
 @dataclass(frozen=True)
