@@ -15,6 +15,7 @@ from ballplate import identify, run
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError, ScenarioError, TwinError
 from twin.cli.understand import identify as command
+from twin.identify import plain_model
 from twin.identify.any_rig import (
     AxisIdentification,
     _assess_axis,
@@ -35,6 +36,7 @@ from twin.identify.logs import (
 )
 from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.plain_model import (
+    AXIS_FITTING,
     AxisFit,
     AxisProblem,
     Profile,
@@ -398,6 +400,17 @@ def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     assert ramp == pytest.approx([0.25, 0.75], abs=1e-9)
 
 
+@pytest.mark.parametrize("half", [0.0, 0.02, 0.5, 3.0])
+def test_play_follows_the_side_of_the_gap_that_touches(half):
+    rng = np.random.default_rng(3)
+    track = np.round(np.cumsum(rng.normal(0.0, 0.1, 400)), 2)  # with stretches at rest
+    place, expected = 0.0, []
+    for low, high in zip(track - half, track + half, strict=True):
+        place = min(max(place, low), high)
+        expected.append(place)
+    assert (apply_play(track, half) == expected).all()
+
+
 def test_play_is_behind_the_lag_of_its_drive():
     time = np.arange(0.0, 3.0, 0.02)
     log = AxisLog(time, np.where(time >= 1.0, 0.5, 0.0), True, time, 0 * time)
@@ -413,6 +426,45 @@ def test_a_plate_that_turns_steadily_is_behind_its_angle_by_the_lag_and_no_more(
     measured = AxisLog(time, 0.3 * time, False, time, np.zeros_like(time))
     at = np.array([3.3001, 4.7])
     assert TiltHistory(measured, 1.0).at(at, lag) == pytest.approx(0.3 * (at - lag), abs=0.3 * 2e-5)
+
+
+@pytest.mark.parametrize(
+    ("share", "best", "fits"), [(0.98, 0.1, False), (0.9, 0.1, True), (0.5, 0.0, False)]
+)
+def test_an_effect_that_gains_little_is_not_fitted_further(axis_of, monkeypatch, share, best, fits):
+    log = axis_of(1, seconds=8.0)
+    fit = fit_axis(log, ("gain", "dead_time", "level"), 1.5, (0.0, 0.5))
+    own = fit.problem.costs(fit.found.linearisation.r)
+    names = (*fit.problem.names, "play")
+    tried = np.array([0.0, 0.1])
+    theta = np.array([[*fit.found.theta[0], value] for value in tried])
+    costs = np.where(tried[:, None] == best, share, 1.0) * own
+    refitted = []
+
+    def refit(self, *given):
+        refitted.append(given)
+        return replace(self, problem=replace(self.problem, names=names))
+
+    monkeypatch.setattr(
+        plain_model, "profile", lambda *_, **__: Profile("play", names, theta, costs, 0)
+    )
+    monkeypatch.setattr(AxisFit, "refit", refit)
+    found = plain_model._fit_effect(fit, "play", tried, 1.5)
+    assert bool(refitted) is fits
+    assert (found is fit) is not fits
+
+
+@pytest.mark.long
+def test_a_fit_that_continues_the_best_lags_is_that_of_all_of_them(axis_of):
+    log, search = axis_of(2, seconds=20.0, rate=60.0), AXIS_FITTING.search
+    each = replace(search, lag_steps=30, continued_lags=6)
+    few, all_of_them = (
+        fit_axis(log, ("gain", "dead_time", "lag", "level", "friction"), 2.5, (0.0, 0.5), how)
+        for how in (AXIS_FITTING, replace(AXIS_FITTING, search=each))
+    )
+    own, other = few.estimate(), all_of_them.estimate()
+    assert own.value == pytest.approx(other.value, abs=0.02 * other.half_width.min())
+    assert own.half_width == pytest.approx(other.half_width, rel=0.02)
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from docs.identify_errors import Rig, simulate_log, simulate_turned
+from docs.identify_errors import Rig, draw_rig, simulate_log, simulate_turned
 from twin.identify import any_rig
 from twin.identify.any_rig import identify_axes, join_logs
 from twin.identify.corrections import (
@@ -98,13 +98,30 @@ def test_a_drift_is_found_in_recordings_with_clocks_of_their_own(offset, drift):
     assert len(found.notes) == (drift != 0)
 
 
+def bend_of(rig, seed):
+    """Bend, its half-width, and the gain next to it that the first fit of a rig shows."""
+    fit = fits_of({"x": axis_of(simulate_log(seed, rig))})["x"]
+    return find_admixture(fit, fit.log.tilt * np.abs(fit.log.tilt))
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("softening", [1.5, -1.0])
-def test_a_gain_that_changes_with_the_angle_is_found(softening):
-    fits = fits_of({"x": axis_of(simulate_log(1, Rig(seconds=30.0, softening=softening)))})
-    found, tilt = find_correction(fits, {"x": "rad"}), fits["x"].log.tilt
-    _, half, _ = find_admixture(fits["x"], tilt * np.abs(tilt))
-    assert abs(found.bends["x"] + softening) < half
+@pytest.mark.parametrize("seed", [3, 7, 13])
+def test_the_interval_of_a_bend_holds_the_truth(seed):
+    rig = draw_rig("softening", seed)
+    bend, half, gain = bend_of(rig, seed)
+    assert abs(bend + rig.softening) < half
+    assert half < 0.25
+    assert gain == pytest.approx(rig.gain, rel=0.02)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("softening", "seed"), [(1.5, 1), (-1.0, 1)])
+def test_a_gain_that_changes_with_the_angle_is_found(softening, seed):
+    rig = Rig(seconds=30.0, softening=softening)
+    bend, half, _ = bend_of(rig, seed)
+    assert abs(bend + softening) < half
+    found = find(seed, rig)
+    assert found.bends["x"] == bend
     (note,) = found.notes
     assert float(note.split("gain is ")[1].split(" at small")[0]) == pytest.approx(7.007, rel=0.01)
 

@@ -64,7 +64,11 @@ def test_the_plain_model_gives_its_numbers_with_intervals(log):
         assert told[name].low <= truth <= told[name].high
         assert told[name].why == PLAIN_WHY
     assert told["gain_x"].word == IDENTIFIED_VERDICT
+    for each in (each for each in found if each.word == IDENTIFIED_VERDICT):
+        assert "full" not in each.why
+    assert "leaves the gain of this log open" in note
     friction = told["friction_x"]
+    assert "the model that shows it has none of this" in friction.why
     assert friction.word == NOT_IDENTIFIABLE
     assert (friction.value, friction.low, friction.high) == (None, None, None)
     assert "friction from damping" in note

@@ -9,7 +9,7 @@ import pytest
 from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
-from twin.identify import any_rig, predictor
+from twin.identify import any_rig, plain_model, predictor
 from twin.identify.any_rig import identify_axes
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.plain_model import predict_axis, prediction_times
@@ -75,7 +75,7 @@ def test_a_model_that_shows_no_gain_is_not_kept_for_its_predictions(monkeypatch,
     given = SimpleNamespace(windowed=None, explained=False, log=None)
     found, note = choose_predictor(given, known=False)
     assert found is plain
-    assert "does not show the gain" in note
+    assert "leaves the gain open" in note
 
 
 def test_a_model_that_explains_its_log_is_kept(monkeypatch):
@@ -101,6 +101,44 @@ def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(pl
 def test_predictions_start_from_few_samples_where_the_model_is_wrong(plain):
     wrong = plain.found._replace(theta=plain.found.theta * np.array([0.5, 1, 1, 1, 1]))
     assert choose_lead(replace(plain, found=wrong)).how.hold_out.lead_s <= 0.4
+
+
+@pytest.mark.parametrize(("others", "chosen"), [((4.8, 4.6, 7.0), 0.4), ((4.8, 4.4, 7.0), 0.7)])
+def test_another_lead_is_taken_only_if_it_is_clearly_better(monkeypatch, plain, others, chosen):
+    errors = iter((5.0, *others))
+    monkeypatch.setattr(predictor, "_find_errors", lambda *_: np.full(9, 1e-3 * next(errors)))
+    assert choose_lead(plain).how.hold_out.lead_s == chosen
+
+
+def test_five_numbers_are_fitted_to_all_of_a_log(monkeypatch):
+    log, begun = axis_of(1, replace(PLAIN, seconds=8.0)), []
+
+    def keep(*given):
+        begun.append(given[2])
+        return problem(*given)
+
+    problem = plain_model._prediction_problem
+    monkeypatch.setattr(plain_model, "_prediction_problem", keep)
+    fit_five_numbers(log, (0.0, 0.5))
+    (at,) = begun
+    assert at[0] - log.sampled[0] == pytest.approx(0.4, abs=0.01)
+    assert log.sampled[-1] - at[-1] == pytest.approx(1.0, abs=0.26)
+    assert np.diff(at).max() == pytest.approx(0.25)
+
+
+def test_five_numbers_begin_from_a_first_look_as_well(monkeypatch, plain):
+    guesses = []
+
+    def keep(_, guess, *rest, **named):
+        guesses.append(guess)
+        return SimpleNamespace(x=guess, cost=1.0)
+
+    monkeypatch.setattr(plain_model, "least_squares", keep)
+    seen = SimpleNamespace(gain=6.0, delay=0.1, level=0.1, friction=0.03, camber=0.0, damping=0.3)
+    wrong = plain.found._replace(theta=plain.found.theta * np.array([0.2, 4, 1, 1, 1]))
+    plain_model.fit_to_predictions(replace(plain, found=wrong), seen)
+    gain = 6.0 * plain.problem.tilt.scale
+    assert guesses[0] == pytest.approx([gain, 0.1, 0.1, 0.3, 0.03], rel=1e-3)
 
 
 def test_each_half_is_predicted_by_a_fit_of_the_other(plain):

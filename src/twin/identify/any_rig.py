@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -116,7 +117,7 @@ DELAYS_S = {True: (0.0, 0.5), False: (-0.1, 0.5)}
 """Smallest and largest dead time of commands, and of angles that are measured."""
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
 """Processor time of the fit of an axis in s, and the same for each second of its log."""
-SLOWEST_RATIO = 4
+SLOWEST_RATIO = 3
 """Factor on it for a log that the model does not explain."""
 MAX_SCALE_ERROR = 0.2
 """Largest error of the tilt per command that `rig.cam_error_percent` takes, as a share."""
@@ -403,7 +404,7 @@ def _fit_axes(
         verdicts = _assess_axis(fit, axis, units[axis], selection)
         words = {each.name: each.word for each in verdicts}
         known = words[f"gain_{axis}"] == IDENTIFIED_VERDICT
-        predictor, note = choose_predictor(fit, known=known)
+        predictor, note = choose_predictor(fit, known=known, look=looks[axis])
         fits[axis] = choose_lead(predictor)
         notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
@@ -590,6 +591,10 @@ def _select_model(
     """
     notes: list[str] = []
     longest, fitting = selection.window_s, selection.fitting
+
+    def tell(share: float, stage: str, name: str) -> None:
+        advance(share, f"{stage}: {PLAIN_PARAMETERS[name].key}")
+
     requested = tuple(
         name for name in PLAIN_PARAMETERS if name in names and name not in SMOOTH_PARAMETERS
     )
@@ -621,12 +626,12 @@ def _select_model(
         )
     if not names:
         advance(0.15, "dead band, play and slew of the drives")
-        fit, drive_notes = _add_useful_drives(fit, selection)
+        fit, drive_notes = _add_useful_drives(fit, selection, partial(tell, 0.15, "drives"))
         advance(0.45, "camber and viscous friction")
         fit, term_notes = _add_useful_terms(fit, selection)
         notes += drive_notes + term_notes
     advance(0.55, "likelihood profiles")
-    fit = profile_drives(fit)
+    fit = profile_drives(fit, partial(tell, 0.55, "likelihood profile"))
     advance(0.7, "shorter windows, and predictions")
     shorter = [share * longest for share in selection.shorter_window_shares]
     try:
@@ -649,10 +654,17 @@ def _select_model(
     return fit, notes
 
 
-def _add_useful_drives(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, list[str]]:
+def _add_useful_drives(
+    fit: AxisFit, selection: AxisSelection, tell: Callable[[str], object]
+) -> tuple[AxisFit, list[str]]:
     """The fit with the drive effects that reduce the prediction error, and a note on them.
 
     They are compared next to all other optional parameters.
+
+    Args:
+        fit: Without them.
+        selection: Constants.
+        tell: Called with the name of each before it is fitted.
     """
     own, longest = fit.problem.names, selection.window_s
     if fit.explained:
@@ -660,7 +672,7 @@ def _add_useful_drives(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit,
     every = tuple(dict.fromkeys((*own, *selection.optional_parameters)))
     middle = _take_middle(fit, selection)
     rich = middle.refit(middle.log, every, longest)
-    found = add_drive_effects(rich, longest)
+    found = add_drive_effects(rich, longest, tell)
     new = tuple(name for name in PROFILED_EFFECTS if name in found.problem.names)
     if not new:
         return fit, []

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array
@@ -63,16 +61,18 @@ def apply_play(track: Array, half: float) -> Array:
     """
     low, high, rises = track - half, track + half, np.diff(track) > 0
     turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
-    place, places = min(max(0.0, float(low[0])), float(high[0])), np.empty_like(track)
+    ends = np.concatenate((turns, [len(track) - 1]))
     # in a stretch in which the drive goes one way, one side of the gap moves the plate
-    for first, last in pairwise((0, *turns.tolist(), len(track) - 1)):
-        part = slice(first, last + 1)
-        if rises[first]:
-            np.maximum(low[part], place, out=places[part])
-        else:
-            np.minimum(high[part], place, out=places[part])
-        place = places[last]
-    return places
+    up = rises[np.concatenate(([0], turns))]
+    place, begun = min(max(0.0, float(low[0])), float(high[0])), []
+    for rising, least, most in zip(
+        up.tolist(), low[ends].tolist(), high[ends].tolist(), strict=True
+    ):
+        begun.append(place)
+        place = max(least, place) if rising else min(most, place)
+    stretch = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=-1))
+    held = np.array(begun)[stretch]
+    return np.where(up[stretch], np.maximum(low, held), np.minimum(high, held))
 
 
 MAX_TRACK_VALUES = 3_000_000
@@ -171,7 +171,8 @@ class TiltHistory:
                     turns * FINE_LAG_STEP_S
                 ) ** 2
                 place -= lever / BallPlate.gravity * bend
-            covered = cumulative_trapezoid(place, dx=FINE_LAG_STEP_S, initial=0)
+            steps = np.cumsum(FINE_LAG_STEP_S * (place[1:] + place[:-1]) / 2.0)
+            covered = np.concatenate(([0.0], steps))
             self.lagged[whole] = place, covered
         return self.lagged[whole]
 

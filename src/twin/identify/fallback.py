@@ -1,4 +1,4 @@
-"""Answers by a first look at an axis where the full model does not show its gain."""
+"""Answers by a first look at an axis where the full model leaves its gain open."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from twin.identify.verdicts import (
     ParameterVerdict,
 )
 
-PLAIN_WHY = "by the plain linear model, as the full one does not show the gain"
+PLAIN_WHY = "by the plain linear model, whose variants its interval holds"
 """Reason of a verdict of the plain linear model."""
-ROLLING_WHY = (
-    "by short windows of a ball that rolls in one direction, as the full model does not show the "
-    "gain"
-)
+ROLLING_WHY = "by short windows of a ball that rolls in one direction"
 """Reason of a verdict by windows between end stops."""
+OPEN_WHY = "the full model leaves the gain open, and the model that shows it has none of this"
+"""Reason of a verdict on a parameter that only the full model has."""
 
 
 def assess_plainly(
     log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
 ) -> tuple[list[ParameterVerdict], list[str]]:
-    """Verdicts with those of a first look where the full model does not show the gain.
+    """Verdicts with those of a first look where the full model leaves the gain open.
 
     Without end stops the look is the plain linear model. The intervals then hold what windows of
     several lengths give, with damping and without: as far as these differ, the model is in error.
@@ -79,7 +78,12 @@ def assess_plainly(
         )
     kept = [
         replace(
-            each, value=None, low=None, high=None, word=NOT_IDENTIFIABLE, why=f"{why}; {each.why}"
+            each,
+            value=None,
+            low=None,
+            high=None,
+            word=NOT_IDENTIFIABLE,
+            why=f"{OPEN_WHY}; {each.why}",
         )
         for each in verdicts
         if each.name.rpartition("_")[0] not in found and each.word != GIVEN_VERDICT
@@ -98,14 +102,16 @@ def _describe_look(look: FirstLook, axis: str) -> str:
     share = 100 * look.explained
     if look.plain:
         return (
-            f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, "
-            "level and damping are those of a plain linear model by the weak form, which explains "
+            f"{axis}: the full model leaves the gain of this log open: its terms make up for each "
+            "other, or it is in error. A plain linear model by the weak form shows it: gain, dead "
+            "time + lag, level and damping are those of this model, which explains "
             f"{share:.0f} % of the motion in {look.windows} windows; dead time from lag, friction "
             "from damping, and play or dead band are not told apart"
         )
     return (
-        f"{axis}: the full model does not show the gain of this log; gain, dead time + lag, level, "
-        "friction and camber are those of a ball that rolls in one direction between end stops, "
-        f"by the weak form, which explains {share:.0f} % of the motion in {look.windows} windows; "
+        f"{axis}: the full model leaves the gain of this log open. A ball that rolls in one "
+        "direction between end stops shows it by the weak form: gain, dead time + lag, level, "
+        f"friction and camber are those of its motion, {share:.0f} % of which they explain in "
+        f"{look.windows} windows; "
         "dead time from lag, damping from friction, and play or dead band are not told apart"
     )

@@ -9,7 +9,7 @@ are independent but for friction. Dead time is all between command and measured 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -90,6 +90,8 @@ class AxisSearch:
         disturbed_residual_ratio: Residual of such a window over the usual one above which a hand,
             the rim or a false sample disturbed it: no longer window contains it.
         outlier_ratio: Residual of a sample over its window's residual above which it is left out.
+        lag_steps: Steps after which only the best lags are continued: most lead to the same fit.
+        continued_lags: Number of these.
         control: Constants of the minimisations.
     """
 
@@ -100,6 +102,8 @@ class AxisSearch:
     first_window_s: float = 0.8
     disturbed_residual_ratio: float = 5.0
     outlier_ratio: float = 4.0
+    lag_steps: int = 4
+    continued_lags: int = 2
     control: StepControl = AXIS_STEP_CONTROL
 
 
@@ -119,6 +123,8 @@ class DriveSearch:
         dead_band_residual_share: A dead band is fitted if its regression leaves no more than this
             share of what an ideal drive leaves.
         fitted_dead_bands: Number of dead bands with the smallest residuals that are fitted.
+        useful_cost_share: An effect whose first fits do not reduce the cost to this share is not
+            fitted further: it would not reduce the residual to ``accepted_residual_share``.
         white_share: The residuals count as white if the scatter of successive ones, over the
             scatter of white ones, is above this. It exceeds ``accepted_residual_share``: no drive
             effect would then be accepted.
@@ -138,6 +144,7 @@ class DriveSearch:
     rival_residual_ratio: float = 1.5
     dead_band_residual_share: float = 0.7
     fitted_dead_bands: int = 8
+    useful_cost_share: float = 0.97
     white_share: float = 0.95
     scan_windows: int = 20
     bracket_rise: float = 32.0
@@ -360,7 +367,7 @@ def _integrate(
         if rubs:
             np.minimum(np.maximum(free, least, out=spare), most, out=spare)
             after = np.subtract(free, spare, out=spare)
-            turned = np.flatnonzero(np.multiply(v, after, out=product) <= 0)
+            turned = (np.multiply(v, after, out=product) <= 0).ravel().nonzero()[0]
             if turned.size:
                 _turn(turned, v, free, most, after)
             if across is not None:
@@ -495,11 +502,18 @@ class Profile:
         return dict(zip(self.names, theta[drawn.argmin(axis=1)].T, strict=True))
 
 
-def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile:
+def profile(
+    fit: AxisFit, name: str, values: Sequence[float] | Array, *, thorough: bool = True
+) -> Profile:
     """Fits with a parameter at each of K rising values, begun from one fit.
 
-    A fit of a lever with a lag is also begun from the fits at the neighbouring values, and the best
-    one is kept: a ball that sticks for a moment has many local minima.
+    Args:
+        fit: From which they begin.
+        name: The parameter.
+        values: Its values.
+        thorough: Whether fits converge, and a fit of a lever with a lag is also begun from the fits
+            at the neighbouring values, of which the best one is kept: a ball that sticks for a
+            moment has many local minima. Else the fits only show which value is near the best.
     """
     names = tuple(dict.fromkeys((*fit.problem.names, name)))
     problem, at, K = replace(fit.problem, names=names), names.index(name), len(values)  # noqa: N806
@@ -507,7 +521,7 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
     starts, costs = fit.found.starts.repeat(K, axis=1), np.full((K, 1), np.inf)
     own = int(np.abs(np.subtract(values, theta[0, at])).argmin())
     hides = name == "lever" and "lag" in names
-    for offset in (0, 1, -1) if hides else (0,):
+    for offset in (0, 1, -1) if hides and thorough else (0,):
         source = np.clip(np.arange(K) + offset, 0, K - 1)
         guess = theta[source]
         guess[:, at] = values
@@ -516,7 +530,8 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
             lags = np.sqrt(np.maximum(guess[:, names.index("lag")] ** 2 + more, 1e-6))
             guess = _with_lags(guess, names, lags, problem.delays)
         begin = fit_starts(problem, guess, starts[:, source], 4)
-        found = minimise(problem, guess, begin, 12, 2, 2, fit.how.search.control)
+        steps = 12 if thorough else 6
+        found = minimise(problem, guess, begin, steps, 2, 2, fit.how.search.control)
         each = problem.costs(found.linearisation.r)
         better = each.sum(axis=1, keepdims=True) < costs.sum(axis=1, keepdims=True)
         theta, costs = np.where(better, found.theta, theta), np.where(better, each, costs)
@@ -557,11 +572,18 @@ def _profile_bracket(fit: AxisFit, name: str, values: Sequence[float]) -> Profil
         found = found.join(profile(fit, name, fresh))
 
 
-def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
+def add_drive_effects(
+    fit: AxisFit, longest: float, tell: Callable[[str], object] = lambda _: None
+) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew.
 
     Each is fitted alone, and the one that explains the same windows best is taken; others that
     explain them nearly as well are its rivals. Then further ones are added to it.
+
+    Args:
+        fit: Without them.
+        longest: Length of the windows in s.
+        tell: Called with the name of each before it is fitted.
     """
     if fit.explained:
         return fit
@@ -577,7 +599,10 @@ def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
     def accepts(other: AxisFit, name: str, own: AxisFit) -> bool:
         return other.value(name) > 0 and other.sigma < how.accepted_residual_share * own.sigma
 
-    alone = {name: _fit_effect(fit, name, each, longest) for name, each in values.items()}
+    alone = {}
+    for name, each in values.items():
+        tell(name)
+        alone[name] = _fit_effect(fit, name, each, longest)
     alone = {name: each for name, each in alone.items() if accepts(each, name, fit)}
     if not alone:
         return fit
@@ -592,28 +617,41 @@ def add_drive_effects(fit: AxisFit, longest: float) -> AxisFit:
     )
     for name, each in values.items():
         if name != best and not found.explained:
+            tell(name)
             other = _fit_effect(found, name, each, longest)
             found = other if accepts(other, name, found) else found
     return replace(found, rivals=rivals)
 
 
 def _fit_effect(fit: AxisFit, name: str, values: Array, longest: float) -> AxisFit:
-    """The fit with a drive effect, first at the best of some values, then about the fitted one."""
-    other = fit
+    """The fit with a drive effect, first at the best of some values, then about the fitted one.
+
+    The given fit if no value reduces its cost enough.
+    """
+    other, how = fit, fit.how.drives
+    enough = how.useful_cost_share * fit.problem.costs(fit.found.linearisation.r).sum()
     while values.any():
-        found = profile(other, name, values)
-        theta = found.theta[[found.costs.sum(axis=1).argmin()]]
+        last = name in other.problem.names
+        found = profile(other, name, values, thorough=last)
+        costs = found.costs.sum(axis=1)
+        theta = found.theta[[costs.argmin()]]
+        fitted = theta[0, found.names.index(name)]
+        if not last and (fitted == 0 or costs.min() > enough):
+            return fit
         more = replace(fit.problem, names=found.names)
         begun_from = replace(other, problem=more, found=fit.found._replace(theta=theta))
-        last = other.problem.names == found.names
         other = begun_from.refit(fit.log, found.names, longest)
-        fitted = theta[0, found.names.index(name)]
-        values = np.zeros(0) if last else np.array(fit.how.drives.value_factors) * fitted
+        values = np.zeros(0) if last else np.array(how.value_factors) * fitted
     return other
 
 
-def profile_drives(fit: AxisFit) -> AxisFit:
-    """The fit with profiles of drives and lever, by which its intervals know of them."""
+def profile_drives(fit: AxisFit, tell: Callable[[str], object] = lambda _: None) -> AxisFit:
+    """The fit with profiles of drives and lever, by which its intervals know of them.
+
+    Args:
+        fit: Without profiles.
+        tell: Called with the name of each before its profile.
+    """
     how = fit.how.drives
     near = {name: np.array(how.value_factors) * fit.value(name) for name in fit.problem.tilt.tried}
     tried = {
@@ -621,7 +659,11 @@ def profile_drives(fit: AxisFit) -> AxisFit:
     }
     # of a lever that is given
     tried.setdefault("lever", [-2 * how.height_std_m, 0.0, 2 * how.height_std_m])
-    return replace(fit, profiles=tuple(profile_contenders(fit, *each) for each in tried.items()))
+    profiles = []
+    for name, values in tried.items():
+        tell(name)
+        profiles.append(profile_contenders(fit, name, values))
+    return replace(fit, profiles=tuple(profiles))
 
 
 @dataclass(frozen=True)
@@ -751,16 +793,17 @@ def fit_axis(
 def guess_from(look: FirstLook, problem: AxisProblem) -> Array:
     """A guess of the parameters by a first look, shape (1, P).
 
-    Gain, dead time, level, friction and camber are those of the look. Its delay is all taken as
-    dead time, so the lag is zero. A parameter that the look does not contain has its usual first
-    guess.
+    Gain, dead time, level, friction, camber and damping are those of the look. Its delay is all
+    taken as dead time, so the lag is zero. A parameter that the look does not contain has its usual
+    first guess.
 
     Args:
         look: At the log that is fitted.
         problem: The fit, whose parameters are guessed.
     """
     seen = {"gain": look.gain * problem.tilt.scale, "dead_time": look.delay, "lag": 0.0}
-    seen |= {name: getattr(look, name) for name in ("level", "friction", "camber")}
+    seen |= {"level": look.level, "friction": look.friction, "camber": look.camber}
+    seen |= {"viscous": look.damping}
     return problem.first_guesses(**{k: [v] for k, v in seen.items() if k in problem.names})
 
 
@@ -792,7 +835,8 @@ def fit_from_guesses(
     base = windows.weight
     windows = replace(windows, weight=base / sigma)
     problem = replace(problem, windows=windows, longest=longest + SAMPLE_BIN_S)
-    control = how.search.control
+    search = how.search
+    control = search.control
     starts = fit_starts_from_scratch(problem, guess, 4)
     found = minimise(problem, guess, starts, 8, 3, control=control).best(3)
     found = minimise(problem, found.theta, found.starts, 20, 3, control=control)
@@ -802,12 +846,14 @@ def fit_from_guesses(
         off = np.abs(problem.simulate_samples(theta, starts)[0][0] - windows.ball) * base
         each = 1.4826 * np.nanmedian(np.where(base > 0, off, np.nan), axis=1)
         sigma = max(float(np.median(each)), 1e-5)
-        good = off < how.search.outlier_ratio * np.maximum(each, sigma)[:, None]
+        good = off < search.outlier_ratio * np.maximum(each, sigma)[:, None]
         weight = np.where(good, base, 0.0) / sigma
         problem = replace(problem, windows=replace(windows, weight=weight))
         if last and "lag" in problem.names:
-            theta = _add_lag_guesses(theta, problem.names, problem.delays, how.search.lag_guesses_s)
+            theta = _add_lag_guesses(theta, problem.names, problem.delays, search.lag_guesses_s)
             starts = fit_starts(problem, theta, np.repeat(starts, len(theta), axis=1), 4)
+            tried = minimise(problem, theta, starts, search.lag_steps, 3, 2, control)
+            theta, starts = tried.best(search.continued_lags)[:2]
         steps, polish = (30, 2) if last else (6, 0)
         found = minimise(problem, theta, starts, steps, 3, polish, control)
     return AxisFit(problem, found.best(1), log, sigma, how=how)
@@ -914,10 +960,16 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
     return found
 
 
-def fit_to_predictions(fit: AxisFit) -> Array:
-    """Parameters fitted to predictions of the log, the best of several prediction_times, (1, P)."""
+def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
+    """Parameters fitted to predictions of the log, the best from several first guesses, (1, P).
+
+    Args:
+        fit: A fit to windows of the log.
+        look: A first look at it, which is a guess as well.
+    """
     how, hold_out = fit.how.prediction, fit.how.hold_out
-    problem = _prediction_problem(fit.log, fit, _thin_prediction_times(fit.log, fit.how))
+    at = _thin_prediction_times(fit.log, fit.how, hold_out.lead_s)
+    problem = _prediction_problem(fit.log, fit, at)
     windows, names = problem.windows, problem.names
     known = windows.time < hold_out.lead_s
     part = replace(windows, weight=windows.weight * known[..., None])
@@ -943,6 +995,8 @@ def fit_to_predictions(fit: AxisFit) -> Array:
     usual |= {name: fit.value(name) for name in PROFILED_EFFECTS}
     first = [[usual.get(name, 0.0) for name in names]]
     first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
+    if look:
+        first += guess_from(look, problem).tolist()
     begun_at = np.clip(first, least + 1e-6, most - 1e-6)
     # the soft L1 loss of scipy's least squares
     initial = (np.sqrt(1 + off(begun_at) ** 2) - 1).sum(axis=-1)
@@ -974,9 +1028,18 @@ def _choose_level(found: Predicted) -> Predicted:
     return replace(found, by={**found.by, "level followed": followed})
 
 
-def prediction_times(log: AxisLog, fitting: AxisFitting = AXIS_FITTING) -> Array:
-    """When predictions begin: every half second with enough samples before and after, s."""
-    how, history = fitting.hold_out, fitting.prediction.level_history_s
+def prediction_times(
+    log: AxisLog, fitting: AxisFitting = AXIS_FITTING, history_s: float | None = None
+) -> Array:
+    """When predictions begin: every half second with enough samples before and after, s.
+
+    Args:
+        log: What is predicted.
+        fitting: Constants of fits.
+        history_s: Length of the samples before, in s; None for those of a followed level.
+    """
+    how = fitting.hold_out
+    history = fitting.prediction.level_history_s if history_s is None else history_s
     time, first_horizon = log.sampled, how.horizons_s[0]
     if len(time) < 10:
         return np.zeros(0)
@@ -995,9 +1058,11 @@ def prediction_times(log: AxisLog, fitting: AxisFitting = AXIS_FITTING) -> Array
     ]
 
 
-def _thin_prediction_times(log: AxisLog, fitting: AxisFitting) -> Array:
+def _thin_prediction_times(
+    log: AxisLog, fitting: AxisFitting, history_s: float | None = None
+) -> Array:
     """Evenly chosen ones of the prediction times, at most as many as fits are compared by, s."""
-    every = prediction_times(log, fitting)
+    every = prediction_times(log, fitting, history_s)
     return every[:: max(1, -(-len(every) // fitting.prediction.max_predictions))]
 
 
@@ -1029,6 +1094,9 @@ def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
 def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
     """Share of further tilt that acts along with the tilt, its error, and the gain next to it.
 
+    The step finds the acceleration by the further tilt. Its share is of the gain next to it, not of
+    the gain of the fit, which is a mean over small tilts and large ones.
+
     Args:
         fit: Of the axis.
         more: The further tilt, when each command begins, shape (K,).
@@ -1045,7 +1113,8 @@ def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
     (found, gain), (half, _) = _step_by(
         fit, (moved.r - fit.found.linearisation.r)[0, ..., None] / share
     )
-    return found, half, gain / fit.problem.tilt.scale
+    fitted = fit.value("gain")
+    return found * fitted / gain, half * abs(fitted / gain), gain / fit.problem.tilt.scale
 
 
 def _step_by(fit: AxisFit, more: Array) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -3,7 +3,7 @@
 The five numbers are gain, dead time, level, viscous friction and Coulomb friction, fitted to the
 errors of predictions. A full model in error may explain windows well and predict badly. So each
 half of the log is predicted by fits of the other, and five numbers are taken if their median error
-is clearly smaller. So they are where the full model does not show the gain, or cannot be fitted.
+is clearly smaller. So they are where the full model leaves the gain open, or cannot be fitted.
 """
 
 from __future__ import annotations
@@ -47,8 +47,12 @@ class PredictorChoice:
         horizon_s: Time ahead at which predictions are compared, and up to which five numbers are
             fitted.
         interval_s: Time between the predictions to which they are fitted.
-        leads_s: Lengths of the samples from which a prediction may start: long ones average noise,
-            short ones forget errors of the model.
+        leads_s: Lengths of the samples from which a prediction may start, the usual one first: long
+            ones average noise, short ones forget errors of the model.
+        lead_interval_s: Time between the predictions by which these are compared.
+        max_lead_predictions: Largest number of these.
+        accepted_lead_share: Another length is taken if it reduces the error to this share of that
+            of the usual one: few predictions differ by more by chance.
         accepted_error_share: Five numbers are taken if they reduce the error to this share of that
             of a full model that shows the gain.
     """
@@ -58,6 +62,9 @@ class PredictorChoice:
     horizon_s: float = 1.0
     interval_s: float = 0.25
     leads_s: tuple[float, ...] = (0.4, 0.25, 0.7, 1.2)
+    lead_interval_s: float = 0.125
+    max_lead_predictions: int = 250
+    accepted_lead_share: float = 0.9
     accepted_error_share: float = 0.9
 
 
@@ -65,7 +72,11 @@ PREDICTOR_CHOICE = PredictorChoice()
 
 
 def choose_predictor(
-    fit: AxisFit, how: PredictorChoice = PREDICTOR_CHOICE, *, known: bool = True
+    fit: AxisFit,
+    how: PredictorChoice = PREDICTOR_CHOICE,
+    *,
+    known: bool = True,
+    look: FirstLook | None = None,
 ) -> tuple[AxisFit, str]:
     """The fit that predicts best, and a note if it is not the given one.
 
@@ -76,19 +87,20 @@ def choose_predictor(
         fit: The full fit of an axis.
         how: Constants.
         known: Whether its gain is identified.
+        look: A first look at its log, which is a guess of the five numbers as well.
     """
     if (fit.windowed or fit).explained:
         return fit, ""
     try:
         if not known:
-            plain = _reduce(fit, fit.log, how)
+            plain = _reduce(fit, fit.log, look, how)
             five = describe_five_numbers(plain)
-            return plain, f"predictions are those of {five}: the full model does not show the gain"
+            return plain, f"predictions are those of {five}: the full model leaves the gain open"
         full = _cross_validate(fit, lambda log: _refit(fit, log), how)
-        least = _cross_validate(fit, lambda log: _reduce(fit, log, how), how)
+        least = _cross_validate(fit, lambda log: _reduce(fit, log, look, how), how)
         if not least < how.accepted_error_share * full:
             return fit, ""
-        plain = _reduce(fit, fit.log, how)
+        plain = _reduce(fit, fit.log, look, how)
     except LogError:  # a half has too few windows
         return fit, ""
     return plain, (
@@ -100,11 +112,15 @@ def choose_predictor(
 def choose_lead(fit: AxisFit, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisFit:
     """The fit with the length of samples from which its predictions of its log start best.
 
+    The usual length if no other one is clearly better.
+
     Args:
         fit: A fit of an axis.
         how: Constants.
     """
-    at = prediction_times(fit.log, fit.how)
+    often = replace(fit.how.hold_out, interval_s=how.lead_interval_s)
+    at = prediction_times(fit.log, replace(fit.how, hold_out=often), max(how.leads_s))
+    at = at[:: max(1, -(-len(at) // how.max_lead_predictions))]
     if not len(at):
         return fit
     fits = [
@@ -112,7 +128,8 @@ def choose_lead(fit: AxisFit, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisFi
         for lead_s in how.leads_s
     ]
     errors = [absolute_quantile(_find_errors(each, fit.log, at, how), 0.5) for each in fits]
-    return fits[int(np.nanargmin(errors))] if np.isfinite(errors).any() else fit
+    best = int(np.nanargmin(errors)) if np.isfinite(errors).any() else 0
+    return fits[best if not errors[best] > how.accepted_lead_share * errors[0] else 0]
 
 
 def _find_errors(fit: AxisFit, log: AxisLog, at: Array, how: PredictorChoice) -> Array:
@@ -146,7 +163,7 @@ def fit_five_numbers(
     guess = problem.first_guesses(dead_time=fitting.search.delay_guesses_s)
     if look:
         guess = np.vstack((guess, guess_from(look, problem)))
-    return _fit(log, problem, guess, how.first_residual_m, 0.0, fitting, how)
+    return _fit(log, problem, guess, look, how.first_residual_m, 0.0, fitting, how)
 
 
 def describe_five_numbers(fit: AxisFit) -> str:
@@ -155,27 +172,31 @@ def describe_five_numbers(fit: AxisFit) -> str:
     Args:
         fit: Its fit.
     """
-    gain = fit.value("gain") / fit.problem.tilt.scale
+    values = [fit.value("gain") / fit.problem.tilt.scale]
+    values += [fit.value(name) for name in FIVE_NUMBERS[1:]]
+    gain, dead_time, level, viscous, friction = map(digits, values)
     return (
-        f"a plain model of five numbers (gain {digits(gain)}, dead time "
-        f"{digits(fit.value('dead_time'))} s, level {digits(fit.value('level'))} m/s^2, viscous "
-        f"{digits(fit.value('viscous'))} 1/s, friction {digits(fit.value('friction'))} m/s^2)"
+        f"a plain model of five numbers, of values that predict best (gain {gain}, dead time "
+        f"{dead_time} s, level {level} m/s^2, viscous {viscous} 1/s, friction {friction} m/s^2)"
     )
 
 
-def _reduce(fit: AxisFit, log: AxisLog, how: PredictorChoice) -> AxisFit:
-    """The plain model of a part of the log of a full fit, begun from that."""
+def _reduce(fit: AxisFit, log: AxisLog, look: FirstLook | None, how: PredictorChoice) -> AxisFit:
+    """The plain model of a part of the log of a full fit, begun from that and a first look."""
     value = {name: fit.value(name) for name in FIVE_NUMBERS}
     value["dead_time"] += fit.value("lag")
     problem = replace(fit.problem, names=FIVE_NUMBERS, drift=0.0)
     guess = problem.first_guesses(**{name: [each] for name, each in value.items()})
-    return _fit(log, problem, guess, fit.sigma, fit.noise, fit.how, how)
+    if look:
+        guess = np.vstack((guess, guess_from(look, problem)))
+    return _fit(log, problem, guess, look, fit.sigma, fit.noise, fit.how, how)
 
 
 def _fit(
     log: AxisLog,
     problem: AxisProblem,
     guess: Array,
+    look: FirstLook | None,
     sigma: float,
     noise: float,
     fitting: AxisFitting,
@@ -190,10 +211,10 @@ def _fit(
             if window_s == how.windows_s[-1]:
                 raise
     found = replace(found, noise=noise or found.sigma)
-    if len(prediction_times(log, fitting)) < 3:
+    if len(prediction_times(log, fitting, fitting.hold_out.lead_s)) < 3:
         return found
     near = replace(fitting.hold_out, horizons_s=(how.horizon_s,), interval_s=how.interval_s)
-    theta = fit_to_predictions(replace(found, how=replace(fitting, hold_out=near)))
+    theta = fit_to_predictions(replace(found, how=replace(fitting, hold_out=near)), look)
     return replace(found, found=found.found._replace(theta=theta))
 
 
@@ -216,7 +237,7 @@ def _cross_validate(
     halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
     errors = []
     for fitted, tried in (halves, halves[::-1]):
-        at = prediction_times(tried, fit.how)
+        at = prediction_times(tried, fit.how, fit.how.hold_out.lead_s)
         if not len(at):
             return np.inf
         errors.append(_find_errors(refit(fitted), tried, at, how))
