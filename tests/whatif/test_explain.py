@@ -236,7 +236,7 @@ def test_shares_of_a_few_seconds_are_called_too_short(clean, duration, start, tu
     said = summary(found)["too_short"]
     assert bool(said) == bool(words)
     assert re.search(words.replace("(", r"\(").replace(")", r"\)"), said)
-    assert any("too short to judge" in str(line) for line in _effects(found)) == bool(words)
+    assert any("too short to evaluate" in str(line) for line in _effects(found)) == bool(words)
 
 
 def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):

@@ -193,7 +193,7 @@ class Explanation:
         if evaluated >= least:
             return ""
         return (
-            f"too short to judge: {evaluated:.3g} s are evaluated (duration less metrics.start); "
+            f"too short to evaluate: {evaluated:.3g} s are evaluated (duration less metrics.start); "
             f"shares mean something from {least:.3g} s on"
         )
 
