@@ -43,6 +43,7 @@ class WallSearch:
         speed_stds: Impulse, in standard deviations of the measured speeds, that noise explains.
         min_touches: Smallest number of visits with an impulse for a wall.
         min_touch_share: Smallest share of such visits.
+        placing_visits: Number of the longest such visits whose median place is the wall's.
         guard_s: Time before and after a visit that is left out as well.
         min_bounce_m_s: Speed towards a wall above which a bounce shows its restitution.
         max_bounce_s: Longest visit of a single bounce.
@@ -59,6 +60,7 @@ class WallSearch:
     speed_stds: float = 4.0
     min_touches: int = 4
     min_touch_share: float = 0.3
+    placing_visits: int = 4
     guard_s: float = 0.02
     min_bounce_m_s: float = 0.05
     max_bounce_s: float = 0.15
@@ -107,7 +109,7 @@ def find_end_stops(log: AxisLog, look: FirstLook, how: WallSearch = WALL_SEARCH)
         if len(held) < max(how.min_touches, how.min_touch_share * len(visits)):
             ends.append(side * np.inf)
             continue
-        longest = sorted(held, key=lambda each: each.begin - each.end)[: how.min_touches]
+        longest = sorted(held, key=lambda each: each.begin - each.end)[: how.placing_visits]
         ends.append(side * float(np.median([each.place for each in longest])))
         touches += visits  # where there is a wall, a visit without an impulse may touch it as well
         bounces += [
