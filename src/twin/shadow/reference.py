@@ -207,7 +207,8 @@ def learn_reference(
         RecordError: If a file cannot be written.
     """
     found: Identification
-    ends, height = (NO_ENDS, NO_ENDS), None
+    ends: tuple[Ends, ...] = (NO_ENDS, NO_ENDS)
+    height: float | None = None
     recorded, rig = _read_reference(log, on, columns, separator)
     if isinstance(recorded, Log):
         if not recorded.scenario:
