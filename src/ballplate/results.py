@@ -374,14 +374,14 @@ def identify(
         from twin.identify.any_rig import identify_axes
 
         wanted = wanted_columns(columns)
+        fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
+        rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         logs = [read_any(path, wanted, separator) for path in _paths(log)]
         held = (
             float(hold_out)
             if isinstance(hold_out, float | int)
             else [read_any(path, wanted, separator) for path in _paths(hold_out)]
         )
-        fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
-        rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_axes(
                 logs,

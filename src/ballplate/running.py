@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.base.jobs import SecondProcess
     from twin.devices.rig import HardwareRig
+    from twin.emulator.injection import PlannedFault
     from twin.emulator.serve import Emulator
     from twin.hal.interface import Condition
     from twin.hal.rig import Rig
@@ -99,12 +100,12 @@ def run(
         <Result 'Circle ... (...controller.kind=lqr, duration=4)': finished, tracking error 53.4 %>
     """
     report = reporter or default()
-    find(str(scenario))  # a wrong name is reported before anything heavy is imported
-    changed = changes_of(settings, changes)
     others = [beside] if isinstance(beside, str | Path) else beside
-    for name in others:
-        find(str(name))
+    for each in (scenario, *others):
+        find(str(each))  # a wrong name is reported before anything heavy is imported
+    changed = changes_of(settings, changes)
     chosen = scenario_of(scenario, changed)
+    planned_faults(on, chosen, faults, report)  # a wrong name, too
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     if chosen.board is not None:
         further = {PYTHON_LABEL: chosen.model_copy(update={"board": None, "fault": ()})} | further
@@ -315,8 +316,8 @@ def one_run(
 
 
 UNSTABLE_ADVICE = (
-    "; with these gains the ball may be lost. With the same --on, `ballplate run cure{}` has a law "
-    "that knows how late the plate is, and `ballplate tune {}` searches other gains"
+    "; with these gains the ball may be lost: `ballplate run cure{on}{more}` has a law that knows "
+    "how late the plate is, and `ballplate tune {law}{on}` searches other gains"
 )
 LATER_WARNING = (
     "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say",
@@ -345,7 +346,8 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     unstable = instability(controller.law, controller.observer, dead_time=late, lag=lag)
     if unstable and (law := scenario.controller.kind) in shipped_in("tunes"):
         untold = lag > LONGEST_LAG and not assumed
-        unstable += UNSTABLE_ADVICE.format(f" --set rig.plate_lag={lag:.2g}" if untold else "", law)
+        more = f" --set rig.plate_lag={lag:.2g}" if untold else ""
+        unstable += UNSTABLE_ADVICE.format(law=law, on=_option_of_rig(scenario), more=more)
     dangers = [unstable]
     dangers.append(slow_observer(controller.law, controller.observer))
     dangers.append(weakened_dither(controller.law, scenario))
@@ -363,6 +365,17 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     for danger in dangers:
         if danger:
             reporter.warn(f"{label}: {danger}" if label else danger)
+
+
+def _option_of_rig(scenario: Scenario) -> str:
+    """The option by which a command runs on the rig of a scenario; empty of the thesis's rig."""
+    from twin.identify import logs
+    from twin.scenario.schema import PlantTable
+
+    plant, usual = (each.model_dump(mode="json") for each in (scenario.plant, PlantTable()))
+    if name := logs.rig_of({"plant": plant}):
+        return f" --on {name}"
+    return "" if all(plant[key] == usual[key] for key in ("size", "axes")) else " --on RIG"
 
 
 def weakened_dither(law: Any, scenario: Scenario) -> str:
@@ -482,6 +495,34 @@ def rig_of(
         reporter.note(virtual.lag())
 
 
+def planned_faults(
+    on: str | None, scenario: Scenario, faults: Sequence[str], reporter: Reporter
+) -> list[PlannedFault]:
+    """What the virtual rig is to do to itself in a run.
+
+    Args:
+        on: Rig file, ``emulated`` or None.
+        scenario: What is to run, with faults of its own.
+        faults: Further ones, ``SECONDS LINE`` each.
+        reporter: Names options in messages.
+
+    Raises:
+        ScenarioError: If a fault is none, or the rig is not the virtual one.
+    """
+    texts = [*faults, *(f"{each.at:g} {each.name}" for each in scenario.fault)]
+    if not texts:
+        return []
+    what = reporter.name_of("faults") if faults else "[[fault]]"
+    if on != EMULATED_RIG:
+        name = reporter.name_of("on")
+        raise ScenarioError(
+            f"{what}: only the virtual rig can inject faults; add {name} {EMULATED_RIG}"
+        )
+    from twin.emulator.injection import plan_faults
+
+    return plan_faults(texts, scenario.duration, what)
+
+
 @contextmanager
 def open_rig(
     on: str | None,
@@ -511,12 +552,7 @@ def open_rig(
         TwinError: If there is no such rig, or its file is wrong.
     """
     name = reporter.name_of("on")
-    texts = [*faults, *(f"{each.at:g} {each.name}" for each in scenario.fault)]
-    if texts and on != EMULATED_RIG:
-        what = reporter.name_of("faults") if faults else "[[fault]]"
-        raise ScenarioError(
-            f"{what}: only the virtual rig can inject faults; add {name} {EMULATED_RIG}"
-        )
+    planned = planned_faults(on, scenario, faults, reporter)
     if on is None:
         if reset:
             what = reporter.name_of("reset")
@@ -527,10 +563,7 @@ def open_rig(
     from twin.run.connect import connect
 
     if on == EMULATED_RIG:
-        from twin.emulator.injection import inject, plan_faults
-
-        what = reporter.name_of("faults") if faults else "[[fault]]"
-        planned = plan_faults(texts, scenario.duration, what)
+        from twin.emulator.injection import inject
     if scenario.sensors.ideal:
         raise ScenarioError(
             f"{name}: a rig does not measure its full state; set sensors.ideal=false"

@@ -357,12 +357,18 @@ class StudyResult:
     def save(self, folder: str | Path) -> Path:
         """Write report.html, figures, rows.parquet and rows.csv into a folder; returns it.
 
+        Of a screened study ``screened.csv``, too, with a row for each run beyond the study's own.
+
         Raises:
             RecordError: If a file cannot be written.
         """
         from twin.study.report import write
 
         write(self.work, self.rows, self.answers, Path(folder), self._screened_blocks)
+        if self.screened is not None:
+            from twin.study.screen_report import write_rows
+
+            write_rows(self.screened, Path(folder))
         return Path(folder)
 
     @property

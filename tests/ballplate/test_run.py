@@ -148,6 +148,16 @@ def test_who_tells_the_cure_what_a_rig_file_says_is_warned_of_nothing(rig):
 
 
 @pytest.mark.parametrize(
+    ("settings", "on"),
+    [((), ""), (("parameters=hobby",), " --on hobby"), (("plant.size=[0.5, 0.5]",), " --on RIG")],
+)
+def test_the_advice_on_an_unstable_loop_names_the_rig(settings, on):
+    poles = ("controller.kind=afl", "controller.poles=[-30,-31,-32,-33]")
+    (said,) = (each for each in dangers("hold", *settings, *poles) if "unstable" in each)
+    assert f"`ballplate tune afl{on}` searches others, and `ballplate run cure{on}` has" in said
+
+
+@pytest.mark.parametrize(
     ("settings", "line"),
     [
         (["omega=5.0"], r"0\.75 m/s at the start, from rest, and for up to 3\.75 m/s\^2.*1\d\d mm"),
@@ -339,7 +349,7 @@ def test_beside_the_twin_of_another_rig_runs_the_clean_model_of_it():
     assert ballplate.run("circle", brief | {"plant.kind": "lagrange"}).baseline is None
 
 
-def test_faults_of_a_scenario_are_refused_where_nothing_can_have_them(tmp_path):
+def test_faults_of_a_scenario_are_refused_where_nothing_can_have_them(tmp_path, monkeypatch):
     faulty = tmp_path / "faulty.toml"
     faulty.write_text(
         'title = "t"\nduration = 2.0\n[controller]\nkind = "lqr"\n[reference]\nkind = "setpoints"\n'
@@ -348,6 +358,10 @@ def test_faults_of_a_scenario_are_refused_where_nothing_can_have_them(tmp_path):
     for attempt in (ballplate.run, ballplate.compare):
         with pytest.raises(ballplate.TwinError, match=r"\[\[fault\]\]: only the virtual rig can"):
             attempt(faulty)
+    with monkeypatch.context() as light:  # before anything of a run is imported
+        light.setitem(sys.modules, "ballplate.results", None)
+        with pytest.raises(ballplate.TwinError, match=r"no fault 'sync losst'; did you mean"):
+            ballplate.run(faulty, ['fault=[{at=1.0, name="sync losst"}]'], on="emulated")
     with pytest.raises(ballplate.TwinError, match=r"fault\.0\.name"):
         ballplate.run(faulty, ["fault=[{at=1.0}]"])
 

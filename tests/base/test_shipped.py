@@ -14,6 +14,8 @@ from twin.run.record import read_run
     [
         ("runs/cure", "runs/cure-baseline=false"),  # its beginning
         ("runs/circel", "runs/circle"),
+        ("runs/excite", None),  # half of its letters are those of circle
+        ("runs/ci", None),  # the beginning of much
         ("runs/.hid", None),
         ("nowhere/cure", None),
         ("cure", None),

@@ -105,7 +105,7 @@ def test_the_tracking_error_comes_first_in_a_table(ballplate):
         _, out, _ = ballplate("run", "circle", *QUICK, *more)
         return [line.split("│")[1].strip() for line in out.splitlines() if line.startswith("│")]
 
-    first = ["tracking error e_tt", "RMS error, x"]
+    first = ["tracking error e_tt", "RMS error, x, whole run"]
     assert rows() == first
     every = rows("--all")
     assert every[:3] == [*first, "outcome"]

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from docs.identify_errors import TUBE, Rig, simulate_log
+from docs.identify_errors import STEP_S, TUBE, Rig, simulate_log
 from twin.identify.any_rig import identify_axes
 from twin.identify.command_model import TiltHistory
-from twin.identify.end_stops import describe_stops, find_end_stops
+from twin.identify.end_stops import describe_stops, find_end_stops, find_ends
 from twin.identify.first_look import look_first
-from twin.identify.logs import AnyLog, AxisLog, EndStops
+from twin.identify.logs import AnyLog, AxisLog, EndStops, of_columns
 from twin.identify.plain_model import AxisProblem
 from twin.identify.verdicts import IDENTIFIED_VERDICT
 from twin.identify.windows import axis_windows, spans, usual_free_time
+from twin.sim.plant.rim import NO_ENDS
 
 
 def axis_of(seed, rig):
@@ -45,6 +46,19 @@ def test_walls_restitution_and_touches_of_a_tube_are_found(tube):
     (note,) = describe_stops("x", log)
     assert "an end stop at -40.0 and 40.0 mm" in note
     assert f"{100 * (1 - log.touching.mean()):.0f} % was used" in note
+
+
+def test_a_log_of_known_columns_shows_the_walls_of_each_axis():
+    """A plate with a rim along x; along y the ball turns before it meets anything."""
+    rim = replace(TUBE, seconds=40.0, stop=0.05, nervous=False)
+    x, y = simulate_log(3, rim), simulate_log(4, replace(rim, stop=np.inf))
+    rows = np.minimum(np.rint(x[0] / STEP_S).astype(int), len(x[4]) - 1)
+    columns = {"time": x[0], "measured_x": x[2], "measured_phi": x[4][rows]}
+    columns |= {"measured_y": y[2], "measured_theta": y[4][rows]}
+    (low, high), across = find_ends(of_columns(columns, {}, "rows"))
+    assert low == pytest.approx(-0.05, abs=2e-3)
+    assert high == pytest.approx(0.05, abs=2e-3)
+    assert across == NO_ENDS
 
 
 @pytest.mark.parametrize("rate", [30.0, 60.0])

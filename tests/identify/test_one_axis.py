@@ -1,6 +1,7 @@
 """`twin.identify`, `twin.shadow` and `twin.plan` of rigs of one axis: the second is nowhere."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from tests.plugins.axis_identified import axis_identification
 from twin.cli import main
 from twin.identify.logs import Log, of_columns, read
 from twin.identify.parameters import PLAIN_PARAMETERS
-from twin.identify.prepare import WALL_MARGIN_M, prepare
+from twin.identify.prepare import WALL_MARGIN_M, _find_wall_contacts, prepare
 from twin.identify.twin_model import identify_twin
 from twin.identify.verdicts import ParameterVerdict
 from twin.identify.windows import cut, moving_spans, unknown_motion
@@ -21,7 +22,7 @@ from twin.scenario import load
 from twin.shadow.alarms import words_of
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
 from twin.shadow.follow import LiveFollower
-from twin.sim.plant.rim import Reach
+from twin.sim.plant.rim import NO_ENDS, Reach
 
 ROLLING_MM, LEVEL_DEG, BANDWIDTH_HZ = 0.07, 0.08, 2.65
 """Truth of the beam of these tests; its file has 0.05 mm and no tilt."""
@@ -104,6 +105,34 @@ def test_a_ball_at_a_wall_is_left_out(short):
     kept = np.abs(log.ball[np.isin(log.time.round(6), at.round(6)), 0])
     assert kept.max() < inner - WALL_MARGIN_M
     assert usable.length < prepare(log).length
+
+
+def test_a_ball_that_bounces_between_two_samples_is_left_out():
+    """It turns at 40 mm, and no sample is nearer than 9 mm; 30 samples/s of a ball of 0.6 m/s."""
+    time = np.arange(0.0, 12.0, 0.002)
+    shot = np.floor(30 * time + 1e-9) / 30
+    ball = 0.04 - np.abs(0.6 * ((shot + 1 / 60) % 0.4 - 0.2))
+    nothing = dict.fromkeys(("measured_phi", "measured_y", "measured_theta"), 0 * time)
+    log = of_columns({"time": time, "measured_x": ball, "age": time - shot, **nothing}, {}, "rows")
+    assert ball.max() < 0.04 - 0.009
+    fresh = np.concatenate(([True], np.diff(log.age) < 0))
+    free = Reach().narrowed(((-np.inf, 0.04), NO_ENDS))
+    met = _find_wall_contacts(replace(log, walls=free), fresh, np.full(2, 2e-4))
+    bounces = 0.2 - 1 / 60 + 0.4 * np.arange(29)
+    before = np.searchsorted(time, bounces + 1e-9) - 1  # the sample before, and that after it
+    assert (met[before] | met[np.minimum(before + 17, len(time) - 1)]).all()
+    assert not met[ball < 0.0].any()
+    assert not _find_wall_contacts(log, fresh, np.full(2, 2e-4)).any()
+
+
+def test_ends_that_a_log_shows_narrow_a_reach():
+    both = Reach((0.1, np.inf)).narrowed(((-0.03, np.inf), (-np.inf, 0.05)))
+    assert both.narrowed(((-0.04, 0.06), (-0.02, 0.07))).ends == ((-0.03, 0.06), (-0.02, 0.05))
+    places = np.array([[0.0, 0.0], [-0.029, 0.0], [0.05, 0.0], [0.0995, 0.0], [0.0, 0.0495]])
+    assert both.is_met(places, 1e-3).tolist() == [False, True, False, True, True]
+    margins = np.zeros((5, 2))
+    margins[0, 1] = 0.06
+    assert both.is_met(places, margins).tolist() == [True, False, False, False, False]
 
 
 def test_a_ball_at_a_round_wall_is_left_out_between_the_axes():

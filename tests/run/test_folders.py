@@ -8,6 +8,7 @@ import pytest
 from twin.base.errors import LogError, RecordError, ScenarioError
 from twin.base.shipped import find
 from twin.run.files import (
+    MAX_NAME_LENGTH,
     forget,
     free,
     last,
@@ -44,6 +45,12 @@ def test_a_folder_is_named_by_what_differs(name, overrides, folder):
 
 
 def test_names_that_had_to_be_changed_stay_apart():
+    # cut between two settings
+    parts = [f"controller.gain{n}=1.25" for n in range(9)]
+    whole = run_folder("circle", parts).name
+    assert len(whole) <= MAX_NAME_LENGTH
+    assert "-".join(("circle", *parts)).startswith(whole[:-7])  # without the hash of it
+    assert whole[:-7].endswith("=1.25")
     long = [run_folder("circle", [f"title={'x' * 200}{end}"]) for end in "ab"]
     strange = [run_folder("circle", [f"parameters={end}/fit.toml"]) for end in "ab"]
     assert len(set(long)) == len(set(strange)) == 2

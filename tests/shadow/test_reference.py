@@ -1,17 +1,20 @@
 """`twin.shadow.reference`: A twin from a reference log judges other logs of the rig."""
 
 import json
+import math
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import ballplate as bp
+from docs.identify_errors import STEP_S, Rig, simulate_log
 from tests.plugins.axis_identified import axis_identification
 from twin.cli import main
 from twin.identify.parameters import plain_parameter
 from twin.identify.verdicts import ParameterVerdict
-from twin.shadow.reference import Reference, _with_shown_ball
+from twin.shadow.reference import Reference, _with_shown_ball, _with_shown_lever
 
 RIG = ("plant.friction.rolling_mm=0.23", "plant.level_deg=[0.2, -0.1]", "plant.step=0.002")
 """A rig that differs from the usual one."""
@@ -68,6 +71,59 @@ def test_of_logs_with_columns_on_their_rig_the_healthy_one_is_healthy(
     assert "rolling friction" in [each["name"] for each in first["causes"]]
 
 
+@pytest.mark.long
+def test_end_stops_that_nobody_stated_raise_no_alarm(tmp_path, monkeypatch, capsys):
+    """A ball between end stops of a rig that no option names, simulated without the twin's code."""
+    monkeypatch.chdir(tmp_path)
+    rig = Rig(seconds=60.0, stop=0.05)
+    step = 0.05 * (np.arange(round(rig.seconds / STEP_S)) > 32.0 / STEP_S)
+    for name, seed, across in (("first", 11, None), ("well", 12, None), ("tilted", 12, step)):
+        time, _, ball, _, tilt = simulate_log(seed, rig, across)
+        rows = np.column_stack((time, ball, tilt[np.rint(time / STEP_S).astype(int)]))
+        np.savetxt(f"{name}.csv", rows, delimiter=",", header="t,X,tilt", comments="")
+    columns = "time=t,measured_x=X:m,measured_phi=tilt:rad"
+    line = f"shadow well.csv tilted.csv --reference first.csv --columns {columns} --json"
+    code, told = ended(line, capsys)
+    found = json.loads(told.out)["logs"]
+    assert code == 1
+    assert found["well"]["alarms"] == []
+    assert found["well"]["told_seconds"] > 10
+    assert any("ball at a wall" in note for note in found["well"]["notes"])
+    first = found["tilted"]["alarms"][0]
+    assert 32 < first["time"] < 45
+    assert first["causes"][0]["name"] == "level"
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "height", "radius"),
+    [
+        (0.1, 0.2, None, 0.02),  # that of the thesis's rig is among these
+        (0.05, 0.07, 0.06 - 0.02 * 5 / 3, 0.02),
+        (0.02, 0.03, 0.0, 0.025 * 3 / 5),
+        (-0.01, 0.01, 0.0, 0.002),
+        (None, None, None, 0.02),
+    ],
+)
+def test_a_reference_shows_how_high_the_ball_is(low, high, height, radius):
+    """The lever of a ball that rolls: height + radius + J / (m r), here height + 5/3 radius."""
+    about = plain_parameter("lever", "rad")
+    unknown = ParameterVerdict(
+        about=about, name="lever_x", value=None, low=low, high=high, word="not identifiable"
+    )
+    found, shown = _with_shown_lever(axis_identification(unknown))
+    assert shown == (None if height is None else pytest.approx(height, abs=1e-9))
+    assert found.ball.radius == pytest.approx(radius)
+    overrides = Reference(found, None, height=shown).overrides
+    assert any("plant.plate.height" in each for each in overrides) == (height is not None)
+
+
+def test_walls_of_a_reference_are_told():
+    found = SimpleNamespace(verdicts=(), notes=(), source="log")
+    said = Reference(found, None, ends=((-0.04, math.inf), (-math.inf, math.inf))).describe()
+    assert "walls at -40.0 mm along x" in said
+    assert "along y" not in said
+
+
 MISTAKES = {
     "shadow a.csv b.csv": "b.csv: several logs need --reference LOG0",
     "shadow a.csv one/a.csv --reference b.csv": "one/a.csv: two logs have the same name",
@@ -86,6 +142,31 @@ def test_a_mistake_is_one_line(line, tmp_path, monkeypatch, capsys):
     assert code == 2
     (said,) = told.err.splitlines()
     assert said.startswith(f"ballplate: {MISTAKES[line]}")
+
+
+COLUMNS = "--columns time=t,measured_x=X,measured_phi=p"
+EARLY_MISTAKES = {
+    f"{COLUMNS} --ball rubber": "--ball rubber: give hollow (3/5), solid",
+    f"{COLUMNS}:furlong": "--columns: measured_phi: unit 'furlong'; known",
+    "--columns time=t,measured_x=X,measured_phi=q": "first.csv: measured_phi: no column q",
+    f"broken.csv {COLUMNS}": "broken.csv: measured_x: no column X",
+    f"{COLUMNS} --on nowhere": "",
+    f"{COLUMNS} --set plant.nonsense=1": "the twin: plant.nonsense: unknown key",
+}
+
+
+@pytest.mark.parametrize("more", EARLY_MISTAKES)
+def test_a_mistake_is_told_before_anything_is_identified(more, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("twin.shadow.reference.identify_axes", None)
+    time = np.arange(0.0, 12.0, 0.02)
+    rows = np.column_stack((time, 0.03 * np.sin(2 * time), -0.02 * np.sin(2 * time)))
+    for name in ("first", "well"):
+        np.savetxt(f"{name}.csv", rows, delimiter=",", header="t,X,p", comments="")
+    np.savetxt("broken.csv", rows[:, ::2], delimiter=",", header="t,p", comments="")
+    code, told = ended(f"shadow well.csv --reference first.csv {more}", capsys)
+    assert code == 2
+    assert told.err.splitlines()[-1].startswith(f"ballplate: {EARLY_MISTAKES[more]}")
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ A screened study with functions in the place of the plants, and its refusals."""
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 
@@ -20,7 +21,7 @@ from twin.study.experiments import ROW_SCHEMA
 from twin.study.report import answers, write
 from twin.study.schema import Study
 from twin.study.screen import CHECKED_POINTS, Screen, Screened
-from twin.study.screen_report import blocks, numbers_of
+from twin.study.screen_report import blocks, numbers_of, write_rows
 from twin.study.work import Design, Work
 
 ROLLING, PRELOAD, SPEED = (
@@ -131,6 +132,24 @@ def test_points_that_fail_on_one_plant_only_leave_no_estimate_from_both():
     assert not found.joined
     assert "fail on one of them only" in found.notes[0]
     assert found.biases
+
+
+def test_rows_of_all_runs_beyond_the_studys_are_written(tmp_path):
+    found, runs = screened(study(), 3)
+    write_rows(found, tmp_path)
+    with (tmp_path / "screened.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    parts = dict(zip(("paired", "wide", "checked"), runs.works[1:], strict=True))
+    for part, work in parts.items():
+        own = [row for row in rows if row["part"] == part]
+        plant = "mujoco" if part == "checked" else "lagrange"
+        assert {row["plant"] for row in own} == {plant}
+        shown = [(float(row[ROLLING]), float(row["tracking_error_percent"])) for row in own]
+        told = [json.loads(job.scenario) for job in jobs(work)]
+        rolling = [each["plant"]["friction"]["rolling_mm"] for each in told]
+        values = [value(each["plant"], each["seed"]) for each in told]
+        assert np.array(shown) == pytest.approx(np.column_stack((rolling, values)))
+    assert len(rows) == sum(len(work.tasks) for work in parts.values())
 
 
 def test_failed_points_are_the_worst():

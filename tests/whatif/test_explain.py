@@ -5,6 +5,7 @@ What an effect costs: every switch works alone, and shares are what the error is
 from __future__ import annotations
 
 import json
+import re
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.base.data_file import read_toml
+from twin.cli.understand import _effects
 from twin.cli.understand import explain as command
 from twin.run import picture
 from twin.scenario import Scenario, load
@@ -214,6 +216,27 @@ def test_errors_divide_by_their_squares_and_in_halves_where_effects_only_act_tog
     found = attribute(scenario, {name: case([error]) for name, error in errors.items()})
     assert {part.effect.name: part.share for part in found.contributions} == pytest.approx(shares)
     assert found.rest == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("duration", "start", "turned", "words"),
+    [
+        (3.0, 1.2, 1.8, "1.8 s are evaluated (duration less metrics.start); .* from 6.28 s on"),
+        (3.0, 1.0, 0.0, "2 s are evaluated .* from 4 s on"),
+        (25.0, 10.0, 15.0, ""),
+        (10.0, 0.0, 0.0, ""),
+    ],
+)
+def test_shares_of_a_few_seconds_are_called_too_short(clean, duration, start, turned, words):
+    """A circle at 1 rad/s goes once round in 6.28 s."""
+    times = {"duration": duration, "metrics.start": start, "plant.friction.rolling_mm": 0.2}
+    scenario = apply_overrides(clean, [times])
+    one = case([[0.1, 0.0]], turned=turned)
+    found = attribute(scenario, dict.fromkeys((ALL, NONE, "+friction", "-friction"), one))
+    said = summary(found)["too_short"]
+    assert bool(said) == bool(words)
+    assert re.search(words.replace("(", r"\(").replace(")", r"\)"), said)
+    assert any("too short to evaluate" in str(line) for line in _effects(found)) == bool(words)
 
 
 def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):

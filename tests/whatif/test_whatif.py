@@ -256,6 +256,14 @@ def invoke(*arguments):
     return CliRunner().invoke(ballplate, ["whatif", *map(str, arguments)])
 
 
+def test_a_wrong_change_is_refused_before_the_run_is_simulated_again(run, monkeypatch):
+    monkeypatch.setattr("twin.whatif.futures.exact", None)
+    result = invoke(run, "--at", AT, "--branch", "controller.kind=pid; plant.nonsense=1")
+    assert "plant.nonsense" in str(result.exception)
+    result = invoke(run, "--at", AT, "--columns", "when=t")
+    assert "'when=t': give ROLE=NAME:UNIT" in str(result.exception)
+
+
 def test_an_interrupted_future_is_not_written(run, tmp_path, monkeypatch):
     def cut(*given):
         (found,) = futures(*given)

@@ -106,6 +106,13 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
     return f"{meant} (known: {', '.join(each for each in known if '/' not in each)}{every})"
 
 
+MIN_FILE_LIKENESS = 0.7
+"""Likeness of two names of files, as difflib has it, above which one may be meant by the other:
+names of runs share words, as excite and identify-excite (0.57) or excite and circle (0.5)."""
+MIN_BEGINNING = 3
+"""Number of letters from which a name may be the beginning of another."""
+
+
 def nearest_neighbour(path: Path) -> str:
     """A hint at what lies in the folder of a path and has the nearest name; empty without any."""
     if len(path.parts) < 2 or not isdir(path.parent):  # noqa: PTH112
@@ -114,7 +121,8 @@ def nearest_neighbour(path: Path) -> str:
     with suppress(OSError):
         there = sorted(each.name for each in path.parent.iterdir() if each.name[0] != ".")
     longer = [each for each in there if each.startswith(path.name)]
-    near = longer or get_close_matches(path.name, there, n=1, cutoff=0.5)
+    begun = longer if len(path.name) >= MIN_BEGINNING else []
+    near = begun or get_close_matches(path.name, there, n=1, cutoff=MIN_FILE_LIKENESS)
     return f"; did you mean '{path.parent / near[0]}'?" if near else ""
 
 

@@ -92,6 +92,7 @@ def study(
         from twin.study.screen_report import numbers_of
 
         numbers["screen"] = numbers_of(done.screened)
+        files += ", screened.csv"
     show(numbers, shown, folder, files)
     return 0
 

@@ -94,6 +94,8 @@ def _effects(found: Explanation) -> Iterator[Shown]:
     for label, share in (("effects on each other", found.rest), ("left with none", found.base)):
         if share is not None:
             rows.append((label, "", "", percentage(share)))
+    if found.too_short:
+        yield bold(found.too_short)
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
     yield f"all effects: {size_text(found.whole)}"
     yield f"none of them: {size_text(found.none)}: the law itself, on a clean model"
@@ -296,18 +298,9 @@ def shadow(
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
         raise ScenarioError(f"{same}: two logs have the same name; rename one")
     first = None if reference is None else log_file(reference)
-    if how["columns"] is None:
-        if how["ball"] is not None:
-            raise ScenarioError("--ball: with --columns only; a run knows its ball")
-        for file in (*([first] if first else ()), *files):
-            if surveyed := _survey_unknown(file, how["separator"]):
-                has = ", ".join(each.name for each in surveyed.columns[:12])
-                raise LogError(
-                    f"{file.name}: has no columns of the names that this program knows (it has "
-                    f"{has}); try: {surveyed.command}"
-                )
-    from twin.shadow.reference import learn_reference
-    from twin.shadow.report import WRITTEN_FILES, examine, sentences
+    _check_columns([*([first] if first else ()), *files], how)
+    from twin.shadow.reference import check_reference, learn_reference
+    from twin.shadow.report import WRITTEN_FILES, examine, read_watched, sentences
 
     def folder_of(file: Path, name: str) -> Path:
         if out is not None:
@@ -322,6 +315,9 @@ def shadow(
         rigs = [text for text in overrides if text.partition("=")[0].strip() == "parameters"]
         overrides = tuple(text for text in overrides if text not in rigs)
         on = "".join(text.partition("=")[2].strip() for text in rigs)
+        check_reference(first, on, how["columns"], how["separator"])
+        for file in files:  # before the reference is identified, which takes long
+            read_watched(file, (*rigs, *overrides), **how)
         with progress(f"identifying from {named}", 1.0) as advance:
             learned = learn_reference(first, folder, on=on, progress=advance, **how)
         overrides = (*learned.overrides, *overrides)
@@ -333,6 +329,7 @@ def shadow(
                 folder,
                 overrides,
                 learning=learn or learned is not None,
+                ends=learned.ends if learned else (),
                 progress=advance,
                 **how,
             )
@@ -346,6 +343,32 @@ def shadow(
         shown += [bold(name), *sentences(each), f"written to {folder}/: {WRITTEN_FILES}"]
     show(numbers, shown)
     return int(any(each.alarms for each in found.values()))
+
+
+def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:
+    """Make sure that the columns of logs are described, and can be meant.
+
+    Raises:
+        LogError: If there is no such ball, role or unit, or a log has other columns than those
+            that this program knows.
+        ScenarioError: If a ball is given for a run.
+    """
+    if how["columns"] is not None:
+        from twin.identify.logs import ball_factor, wanted_columns
+
+        if how.get("ball") is not None:
+            ball_factor(how["ball"])
+        wanted_columns(how["columns"])
+        return
+    if how.get("ball") is not None:
+        raise ScenarioError("--ball: with --columns only; a run knows its ball")
+    for file in files:
+        if surveyed := _survey_unknown(file, how["separator"]):
+            has = ", ".join(each.name for each in surveyed.columns[:12])
+            raise LogError(
+                f"{file.name}: has no columns of the names that this program knows (it has "
+                f"{has}); try: {surveyed.command}"
+            )
 
 
 FURTHER_HELP = "A further future, with these changes in addition to --set; repeatable."
@@ -387,6 +410,8 @@ def whatif(
     estimated state. Without --set and --branch nothing is changed.
     """
     run = log_file(run)  # a wrong name is reported before anything heavy is imported
+    if log["columns"] is not None:
+        _check_columns([run], log)
     from twin.base.jobs import SecondProcess, cores
     from twin.run.finished import load_drawing
     from twin.whatif.futures import agreement, branches_of, futures, moment_of, summary, write
@@ -394,8 +419,9 @@ def whatif(
     with SecondProcess(wanted=cores() > 1) as drawing:
         drawing.begin(load_drawing)
         rig = () if on is None else (f"parameters={on}",)
-        moment = moment_of(run, at, settings=rig, **log)
-        found = futures(moment, lasting, branches_of(settings, branches))
+        changes = branches_of(settings, branches)
+        moment = moment_of(run, at, settings=rig, branches=changes, **log)
+        found = futures(moment, lasting, changes)
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
         folder = check_writable(out or RUNS_FOLDER / f"whatif-{run_name(run)}")

@@ -11,16 +11,18 @@ the wall.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from controllers.arrays import Array
 from twin.identify.command_model import TiltHistory
-from twin.identify.first_look import FirstLook
-from twin.identify.logs import AxisLog, EndStops, find_noise, runs
+from twin.identify.first_look import FirstLook, look_first
+from twin.identify.logs import AXIS_COLUMNS, AxisLog, EndStops, Log, find_noise, runs
+from twin.identify.prepare import log_of_axes
+from twin.sim.plant.rim import NO_ENDS, Ends
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +43,7 @@ class WallSearch:
         speed_stds: Impulse, in standard deviations of the measured speeds, that noise explains.
         min_touches: Smallest number of visits with an impulse for a wall.
         min_touch_share: Smallest share of such visits.
+        placing_visits: Number of the longest such visits whose median place is the wall's.
         guard_s: Time before and after a visit that is left out as well.
         min_bounce_m_s: Speed towards a wall above which a bounce shows its restitution.
         max_bounce_s: Longest visit of a single bounce.
@@ -57,12 +60,15 @@ class WallSearch:
     speed_stds: float = 4.0
     min_touches: int = 4
     min_touch_share: float = 0.3
+    placing_visits: int = 4
     guard_s: float = 0.02
     min_bounce_m_s: float = 0.05
     max_bounce_s: float = 0.15
 
 
 WALL_SEARCH = WallSearch()
+SINGLE_TOUCH_SEARCH = replace(WALL_SEARCH, min_touches=1)
+"""For what is left out where a single touch of a wall may raise an alarm."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +109,7 @@ def find_end_stops(log: AxisLog, look: FirstLook, how: WallSearch = WALL_SEARCH)
         if len(held) < max(how.min_touches, how.min_touch_share * len(visits)):
             ends.append(side * np.inf)
             continue
-        longest = sorted(held, key=lambda each: each.begin - each.end)[: how.min_touches]
+        longest = sorted(held, key=lambda each: each.begin - each.end)[: how.placing_visits]
         ends.append(side * float(np.median([each.place for each in longest])))
         touches += visits  # where there is a wall, a visit without an impulse may touch it as well
         bounces += [
@@ -118,6 +124,21 @@ def find_end_stops(log: AxisLog, look: FirstLook, how: WallSearch = WALL_SEARCH)
     kept = [each.away / each.towards for each in bounces]
     restitution = float(np.clip(np.median(kept), 0.0, 1.0)) if len(kept) >= how.min_touches else 0.0
     return EndStops(low=ends[0], high=ends[1], restitution=restitution, touches=spans.T)
+
+
+def find_ends(logs: Mapping[str, AxisLog] | Log) -> tuple[Ends, ...]:
+    """Where walls stop the ball along x and along y, m, as a log shows it by one touch or more.
+
+    Args:
+        logs: The axes, x or y; or a log of known columns.
+    """
+    axes = log_of_axes(logs) if isinstance(logs, Log) else logs
+    ends = dict.fromkeys(AXIS_COLUMNS, NO_ENDS)
+    for axis, log in axes.items():
+        look = look_first(log)
+        if look and (stops := find_end_stops(log, look, SINGLE_TOUCH_SEARCH)):
+            ends[axis] = (stops.low, stops.high)
+    return tuple(ends.values())
 
 
 def describe_stops(axis: str, log: AxisLog) -> list[str]:

@@ -10,7 +10,7 @@ import scipy
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.logs import Log, find_noise, resolution, runs
+from twin.identify.logs import AXIS_COLUMNS, AxisLog, Log, find_noise, resolution, runs
 from twin.run.logs import check_reach
 
 COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
@@ -146,6 +146,8 @@ MIN_SEGMENT_S = 2.5
 """Segments shorter than this time in s are left out."""
 WALL_MARGIN_M = 5e-4
 """Distance in m from a wall, in addition to the noise, at which a ball may touch it."""
+WALL_NOTE = "ball at a wall, or as good as, for"
+"""How the note on this time begins."""
 WALL_NOISE_STDS = 3.0
 """Standard deviations of a sample by which a ball at a wall may be seen away from it."""
 
@@ -269,9 +271,9 @@ def prepare(log: Log) -> PreparedLog:
         notes.append(f"ball not detected for {period * lifted.sum():.2f} s: left out")
     fresh, sigma, sample_notes = find_ball_samples(log, period)
     notes += sample_notes
-    good = ~lifted & ~_find_wall_contacts(log, sigma)
+    good = ~lifted & ~_find_wall_contacts(log, fresh, sigma)
     if (walled := period * float((~good & ~lifted).sum())) > 0:
-        notes.append(f"ball at a wall, or as good as, for {walled:.2f} s: left out")
+        notes.append(f"{WALL_NOTE} {walled:.2f} s: left out")
     good[:-1] &= ~gap
     segments = [
         _segment(log, fresh, slice(first, stop), period)
@@ -296,10 +298,38 @@ def prepare(log: Log) -> PreparedLog:
     )
 
 
-def _find_wall_contacts(log: Log, sigma: Array) -> Mask:
-    """Rows in which the ball may touch a wall, shape (K,)."""
-    margin = WALL_MARGIN_M + WALL_NOISE_STDS * sigma
-    return log.walls.is_met(np.nan_to_num(log.ball), margin)
+def _find_wall_contacts(log: Log, fresh: Mask, sigma: Array) -> Mask:
+    """Rows in which the ball may touch a wall, shape (K,).
+
+    A fast ball may touch it between two samples: one of them is then at most half the way from one
+    sample to the next away from the wall.
+
+    Args:
+        log: K rows.
+        fresh: Those with a new sample, shape (K,).
+        sigma: Standard deviation of a sample along x and y in m, shape (2,).
+    """
+    if not fresh.any():
+        return np.zeros(len(fresh), bool)
+    ball, noise = np.nan_to_num(log.ball), WALL_NOISE_STDS * sigma
+    steps = np.abs(np.diff(ball[fresh], axis=0, prepend=ball[fresh][:1], append=ball[fresh][-1:]))
+    way = np.maximum(np.maximum(steps[:-1], steps[1:]) - noise, 0.0)
+    since = np.maximum(np.cumsum(fresh) - 1, 0)
+    return log.walls.is_met(ball, WALL_MARGIN_M + noise + way[since] / 2)
+
+
+def log_of_axes(log: Log) -> dict[str, AxisLog]:
+    """The axes of a log, each by itself, with the measured angles of the plate."""
+    known = np.isfinite(log.time)
+    log = log.rows(known)
+    fresh, *_ = find_ball_samples(log, float(np.median(np.diff(log.time))))
+    sampled, axes = (log.time - log.age)[fresh], {}
+    for k, axis in enumerate(list(AXIS_COLUMNS)[: log.axes]):
+        there = np.isfinite(log.plate[:, k])
+        axes[axis] = AxisLog(
+            log.time[there], log.plate[there, k], False, sampled, log.ball[fresh, k]
+        )
+    return axes
 
 
 def interpolate(at: Array, time: Array, values: Array) -> Array:

@@ -71,7 +71,11 @@ def slug(text: str) -> str:
     if name == bare and len(name) <= MAX_NAME_LENGTH:
         return name
     mark = hashlib.sha256(text.encode()).hexdigest()[:6]
-    return "-".join(filter(None, (name[: MAX_NAME_LENGTH - 7], mark)))
+    most = MAX_NAME_LENGTH - 7
+    if len(name) > most:  # between two settings, else between words, unless little would be left
+        ends = (max(map(name[: most + 1].rfind, signs)) for signs in ("-", ",_="))
+        name = name[: next((end for end in ends if end >= most // 2), most)]
+    return "-".join(filter(None, (name, mark)))
 
 
 def folder_names(texts: Iterable[str]) -> list[str]:

@@ -208,7 +208,8 @@ class Follower:
             LogError: If there is too little yet, or the ball is off the screen.
         """
         now = float(log.time[-1])
-        own = replace(log, model=self._belief.model, walls=self._belief.scenario.plant.reach)
+        walls = self._belief.scenario.plant.reach.narrowed(log.walls.ends)
+        own = replace(log, model=self._belief.model, walls=walls)
         usable = self._of_late(prepare(own), now)
         until = np.inf if whole else now - PENDING_S
         result = self.result

@@ -22,6 +22,7 @@ from controllers.arrays import Array
 from twin.base.errors import ScenarioError
 from twin.run.tables import INDICATOR_LABELS
 from twin.scenario.schema import LEFT_OUT
+from twin.study.experiments import label_rows
 from twin.study.fidelity import (
     Estimate,
     Numbers,
@@ -120,6 +121,8 @@ class Screened:
         joined: Statistics by variant.
         checked: The points that decide.
         notes: What there is not, and why.
+        rows: A row of each of these runs but the mechanism's own behind the labels of its point:
+            ``part`` as in ``counts``, and ``plant``.
     """
 
     times: int
@@ -130,6 +133,7 @@ class Screened:
     joined: tuple[Joined, ...]
     checked: tuple[CheckedPoint, ...]
     notes: tuple[str, ...]
+    rows: pa.Table
 
 
 class Screen:
@@ -218,7 +222,15 @@ class Screen:
             name = f"{one} minus {other}"
             if not _differing_failures(name, *difference[:2]):
                 joined += self._means(name, (difference[0], difference[1], difference[2]))
-        checked = self._checked(ends, {name: each[2] for name, each in values.items()}, carry)
+        ended = self._work_of_ends(ends)
+        rows_of_ends = carry(ended)
+        exact = {name: each[2] for name, each in values.items()}
+        checked = self._checked(ends, exact, ended, rows_of_ends)
+        parts = {
+            "paired": (self.paired, paired),
+            "wide": (self.wide, wide),
+            "checked": (ended, rows_of_ends),
+        }
         counts = {"mechanism": self.work, "paired": self.paired, "wide": self.wide}
         return Screened(
             self.times,
@@ -229,6 +241,10 @@ class Screen:
             tuple(joined),
             tuple(checked),
             tuple(notes),
+            pa.concat_tables(
+                [_rows_of_part(name, *each) for name, each in parts.items()],
+                promote_options="permissive",
+            ),
         )
 
     def _drawn(self, work: Work) -> tuple[Numbers, Numbers]:
@@ -308,16 +324,33 @@ class Screen:
             others = Points(parts[2][:, k], wide_units)
             yield Joined(name, key, estimate_mean(points), combine(points, parts[1][:, k], others))
 
-    def _checked(
-        self, ends: Sequence[tuple[str, str, int]], exact: Mapping[str, Array], carry: Carry
-    ) -> Iterator[CheckedPoint]:
-        """The points at the ends, on the mechanism."""
-        study, places = self.work.study, sorted({place for _, _, place in ends})
-        work = Work(study, design=self.wide.design[places])
+    def _work_of_ends(self, ends: Sequence[tuple[str, str, int]]) -> Work:
+        """The runs of the points at the ends on the mechanism."""
+        places = sorted({place for _, _, place in ends})
+        work = Work(self.work.study, design=self.wide.design[places])
         wanted = {(variant, places.index(place)) for variant, _, place in ends}
         work.tasks = [task for task in work.tasks if (task.variant, task.point) in wanted]
-        rows = carry(work)
-        values = np.where(_finished(rows), np.array(rows[study.metrics[0]], float), np.nan)
+        return work
+
+    def _checked(
+        self,
+        ends: Sequence[tuple[str, str, int]],
+        exact: Mapping[str, Array],
+        work: Work,
+        rows: pa.Table,
+    ) -> Iterator[CheckedPoint]:
+        """The points at the ends, on the mechanism.
+
+        Args:
+            ends: Variant, which end, and place of each among the further points.
+            exact: Values on the exact equations by variant.
+            work: Their runs on the mechanism.
+            rows: Of these.
+        """
+        places = sorted({place for _, _, place in ends})
+        values = np.where(
+            _finished(rows), np.array(rows[self.work.study.metrics[0]], float), np.nan
+        )
         for variant, which, place in ends:
             at = [
                 k
@@ -326,6 +359,13 @@ class Screen:
             ]
             value, point = float(values[at].mean()), self.wide.design[place]
             yield CheckedPoint(variant, which, point, float(exact[variant][place]), value)
+
+
+def _rows_of_part(part: str, work: Work, rows: pa.Table) -> pa.Table:
+    """Rows behind labels, and which part and plant they are of."""
+    plant = "mujoco" if part == "checked" else "lagrange"
+    of = {name: [each] * rows.num_rows for name, each in (("part", part), ("plant", plant))}
+    return label_rows({**of, **work.labels}, rows)
 
 
 def _finished(rows: pa.Table) -> Any:

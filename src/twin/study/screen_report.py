@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
+
+import pyarrow.csv as pa_csv
 
 from controllers.analysis import number
 from twin.base.page import Block, Table, Text, digits
+from twin.base.writing import write_whole
 from twin.run.tables import INDICATOR_LABELS
 from twin.study.fidelity import Estimate
 from twin.study.report import metric_label
@@ -22,6 +26,15 @@ def blocks(study: Study, found: Screened) -> list[Block]:
         joined_table(study, found),
         checked_table(study, found),
     ]
+
+
+def write_rows(found: Screened, folder: Path) -> None:
+    """Write screened.csv, a row for each run beyond the study's own.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    write_whole(folder / "screened.csv", lambda path: pa_csv.write_csv(found.rows, path))
 
 
 def describe(found: Screened) -> str:

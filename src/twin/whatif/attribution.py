@@ -24,6 +24,7 @@ from twin.run.finished import Run
 from twin.run.metrics import Ending
 from twin.run.together import run_together, work_in_batches
 from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
+from twin.view.summary import MIN_TURNING_RAD, total_turning
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""
@@ -112,6 +113,10 @@ def without(scenario: Scenario, effects: Iterable[Effect]) -> Scenario:
     return apply_overrides(scenario, [effect.off for effect in effects])
 
 
+MIN_EVALUATED_S = 4.0
+"""Evaluated time in s below which the beginning of a run decides its error."""
+MIN_TURN_RAD = 0.1
+"""Turning of a reference in rad above which it goes round; along a line it does not."""
 ALL, NONE = "all", "none"
 """Names of the cases that belong to no effect."""
 
@@ -125,12 +130,14 @@ class EffectCase:
         error: Reference minus ball in m after ``metrics.start``, shape (K, 2).
         percent: e_tt of (C.7) in %; None for a reference that rests at 0, or a run cut short.
         rms: Root mean square of the distance from the reference in m; None for a run cut short.
+        turned: Turning of the reference's direction in that time, rad.
     """
 
     outcome: str
     error: Array
     percent: float | None = None
     rms: float | None = None
+    turned: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +182,20 @@ class Explanation:
     def in_percent(self) -> bool:
         """Whether errors are given as e_tt in %, else as root mean squares in mm."""
         return self.whole.percent is not None
+
+    @property
+    def too_short(self) -> str:
+        """Why the shares mean nothing yet, and from when on they do; empty if they do."""
+        evaluated, turned = self.scenario.duration - self.scenario.metrics.start, self.whole.turned
+        least = MIN_EVALUATED_S
+        if MIN_TURN_RAD < turned < MIN_TURNING_RAD:
+            least = max(least, evaluated * 2 * np.pi / turned)
+        if evaluated >= least:
+            return ""
+        return (
+            f"too short to evaluate: {evaluated:.3g} s are evaluated (duration less metrics.start); "
+            f"shares mean something from {least:.3g} s on"
+        )
 
     def size(self, case: EffectCase) -> float:
         """The error of a case in % or mm; NaN for a run cut short."""
@@ -243,7 +264,8 @@ def attempt(scenarios: Sequence[Scenario]) -> list[EffectCase]:
 
 def _case_of(scenario: Scenario, done: Run) -> EffectCase:
     """The case of a run."""
-    error = done.motion.error[done.motion.time >= scenario.metrics.start - 1e-9]
+    evaluated = done.motion.time >= scenario.metrics.start - 1e-9
+    error = done.motion.error[evaluated]
     whole = done.outcome == Ending.FINISHED
     reason = f": {done.metrics['reason']}" if done.metrics["reason"] else ""
     when = "" if whole else f" at {done.metrics['outcome_time']:.1f} s{reason}"
@@ -252,6 +274,7 @@ def _case_of(scenario: Scenario, done: Run) -> EffectCase:
         error=error,
         percent=done.metrics["tracking_error_percent"] if whole else None,
         rms=float(np.sqrt((error**2).sum(axis=1).mean())) if whole else None,
+        turned=total_turning(done.motion.reference[evaluated]),
     )
 
 
@@ -308,6 +331,7 @@ def summary(explanation: Explanation) -> dict[str, Any]:
         "none": numbers(explanation.none),
         "share_left_with_none": explanation.base,
         "share_not_additive": explanation.rest,
+        "too_short": explanation.too_short,
         "effects": {
             each.effect.name: {
                 "label": each.effect.label,

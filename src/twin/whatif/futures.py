@@ -647,6 +647,7 @@ def moment_of(
     settings: Sequence[str] = (),
     columns: str | None = None,
     separator: str | None = None,
+    branches: Sequence[tuple[str, ...]] = (),
 ) -> Moment:
     """A moment of a run or a log.
 
@@ -657,15 +658,18 @@ def moment_of(
         settings: Its changes, ``key=value`` each.
         columns: Columns of a log of any rig, as for ``identify``.
         separator: Separator of its columns.
+        branches: Changes of futures that are to follow, checked before anything is simulated.
 
     Raises:
-        TwinError: If there is no such run or moment, or the twin cannot continue from it.
+        TwinError: If there is no such run or moment, the twin cannot continue from it, or a change
+            is none.
     """
     if _is_log(path) or (columns is not None and not is_record(path)):
         if scenario is None:
             raise RecordError(f"{path}: a log does not state its scenario; give --scenario NAME")
         chosen = load(scenario, settings)
         at = _nearest(at, chosen)
+        _check_branches(chosen, at, branches)
         if columns is None:
             log = read(path)
             check_ranges(log)
@@ -684,6 +688,7 @@ def moment_of(
     run.require()
     at = _nearest(at, run.scenario)
     run = replace(run, scenario=run.controlled(at))
+    _check_branches(run.scenario, at, branches)
     other = [
         f"{name} {run.versions.get(name, 'unknown')} (here {version})"
         for name, version in versions().items()
@@ -703,6 +708,11 @@ def moment_of(
     if not first - 1e-9 <= at <= last + 1e-9:
         raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
     return exact(run, at)
+
+
+def _check_branches(scenario: Scenario, at: float, branches: Sequence[tuple[str, ...]]) -> None:
+    for settings in branches:
+        branch(scenario, at, at + scenario.rig.period, settings)
 
 
 def _nearest(at: float, scenario: Scenario) -> float:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,11 @@ class Rim:
         return bool(np.any(self.size))
 
 
+Ends = tuple[float, float]
+"""Least and largest place along an axis, m; infinite without a wall."""
+NO_ENDS: Ends = (-math.inf, math.inf)
+
+
 @dataclass(frozen=True)
 class Reach:
     """How far walls let the middle of a ball go.
@@ -75,10 +80,12 @@ class Reach:
     Attributes:
         farthest: Along x and y in m; infinite without walls.
         rounded: Whether the wall is a circle.
+        ends: Least and largest place along x and along y, m, as a log shows them.
     """
 
     farthest: tuple[float, float] = (math.inf, math.inf)
     rounded: bool = False
+    ends: tuple[Ends, Ends] = (NO_ENDS, NO_ENDS)
 
     @classmethod
     def of(cls, size: Sequence[float], radius: float, shape: str) -> Reach:
@@ -92,15 +99,25 @@ class Reach:
         x, y = (each / 2 - radius if each > 0 else math.inf for each in size)
         return cls((x, y), shape == "round")
 
+    def narrowed(self, ends: Sequence[Ends]) -> Reach:
+        """This reach with further ends along x and y: the nearer one holds."""
+        both = [
+            (max(low, least), min(high, most))
+            for (low, high), (least, most) in zip(self.ends, ends, strict=True)
+        ]
+        return replace(self, ends=(both[0], both[1]))
+
     def is_met(self, ball: Array, margin: ArrayLike) -> Mask:
         """Whether balls at places (K, 2) in m are as near to a wall as a margin in m, shape (K,).
 
-        The margin has the shape () or (2,).
+        The margin has the shape (), (2,) or (K, 2).
         """
+        low, high = np.transpose(self.ends)
+        ended = ((ball < low + margin) | (ball > high - margin)).any(axis=-1)
         allowed = np.subtract(self.farthest, margin)
         if self.rounded:
-            return np.asarray(np.hypot(*ball.T) > allowed.min())
-        return np.asarray((np.abs(ball) > allowed).any(axis=-1))
+            return np.asarray(ended | (np.hypot(*ball.T) > allowed.min(axis=-1)))
+        return np.asarray(ended | (np.abs(ball) > allowed).any(axis=-1))
 
 
 UNLIMITED_REACH = Reach()
