@@ -148,8 +148,8 @@ def study(rounds: int) -> Iterator[Figure]:
 
 def runs_kept(_: int) -> Iterator[Figure]:
     """How the memory of many runs grows."""
-    for what, *rest in memory.ROWS:
-        few, many, more = memory.growth(*rest)
+    for what, program, least, most in memory.ROWS:
+        few, many, more = memory.growth(program, least, most)
         note = f"{few:.0f} MiB, then {many:.0f}"
         yield Figure(f"memory of a {what}, MiB per 1,000 runs", more, note)
 

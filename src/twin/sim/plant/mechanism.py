@@ -448,7 +448,7 @@ class Mechanism:
         # below is as far beyond as beside
         np.negative(height, places[2])
         within = places <= self._bounds
-        self._inside = self._all if every(within) else within.all(axis=0)
+        self._inside = self._all if every(within) else within[0] & within[1] & within[2]
         if self._any_round:
             beyond = seen[0] ** 2 + seen[4] ** 2 > self._half[0] ** 2
             self._inside = self._inside & ~(self._rounded & beyond)
