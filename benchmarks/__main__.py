@@ -3,7 +3,7 @@
 uv run python -m benchmarks                              # measure and print
 uv run python -m benchmarks --only loop                  # some of it
 uv run python -m benchmarks --add                        # measure and keep; best on a quiet machine
-uv run python -m benchmarks --add --earlier ../old        # and what is compared with commit 2a000bf6
+uv run python -m benchmarks --add --earlier ../old        # and compared with commit 2a000bf6
 uv run python -m benchmarks --doc docs/performance.md    # the page of all that is kept
 """
 
@@ -24,7 +24,7 @@ ROUNDS, BESIDE_ROUNDS = 5, 3
 
 
 def measured(names: list[str], old: Path | None) -> list[Figure]:
-    """Figures of some groups, and those compared with an earlier commit, each printed as it is found."""
+    """Figures of some groups, and against an earlier commit, each printed as it is found."""
     found = []
     groups = [GROUPS[name](ROUNDS) for name in names]
     if old is not None:
@@ -52,9 +52,7 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser("benchmarks", description=__doc__.partition("\n")[0])
     made.add_argument("--only", action="append", choices=GROUPS, help="measure this alone")
     made.add_argument("--add", action="store_true", help="keep it in docs/data/performance.toml")
-    made.add_argument(
-        "--earlier", type=Path, help="compare with this checkout of an earlier commit"
-    )
+    made.add_argument("--earlier", type=Path, help="compare with this checkout of 2a000bf6")
     made.add_argument("--machine", default="", help="what to call this one there")
     made.add_argument("--doc", type=Path, help="write the page here; without --add measure nothing")
     return made
