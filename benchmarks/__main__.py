@@ -3,6 +3,7 @@
 uv run python -m benchmarks                              # measure and print
 uv run python -m benchmarks --only loop                  # some of it
 uv run python -m benchmarks --add                        # measure and keep; best on a quiet machine
+uv run python -m benchmarks --add --earlier ../old        # and compared with commit 2a000bf6
 uv run python -m benchmarks --doc docs/performance.md    # the page of all that is kept
 """
 
@@ -14,21 +15,23 @@ from itertools import chain
 from pathlib import Path
 
 from benchmarks import measurements, physics_step
-from benchmarks.figures import GROUPS, Figure
+from benchmarks.figures import GROUPS, Figure, beside
 from twin.base.page import markdown, render_template
 from twin.base.writing import write_whole
 
 TEMPLATE = Path(__file__).parent.parent / "docs" / "performance.template.md"
-ROUNDS = 5
+ROUNDS, BESIDE_ROUNDS = 5, 3
 
 
-def measured(names: list[str]) -> list[Figure]:
-    """Figures of some groups, each printed as it is found."""
+def measured(names: list[str], old: Path | None) -> list[Figure]:
+    """Figures of some groups, and against an earlier commit, each printed as it is found."""
     found = []
-    for name in names:
-        for figure in GROUPS[name](ROUNDS):
-            print(f"{figure.what}: {figure.found:.2f} {figure.note}", flush=True)
-            found.append(figure)
+    groups = [GROUPS[name](ROUNDS) for name in names]
+    if old is not None:
+        groups.append(beside(old.resolve(), BESIDE_ROUNDS))
+    for figure in chain(*groups):
+        print(f"{figure.what}: {figure.found:.2f} {figure.note}", flush=True)
+        found.append(figure)
     return found
 
 
@@ -49,6 +52,7 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser("benchmarks", description=__doc__.partition("\n")[0])
     made.add_argument("--only", action="append", choices=GROUPS, help="measure this alone")
     made.add_argument("--add", action="store_true", help="keep it in docs/data/performance.toml")
+    made.add_argument("--earlier", type=Path, help="compare with this checkout of 2a000bf6")
     made.add_argument("--machine", default="", help="what to call this one there")
     made.add_argument("--doc", type=Path, help="write the page here; without --add measure nothing")
     return made
@@ -59,7 +63,7 @@ def main() -> None:
     options = parser().parse_args()
     load = os.getloadavg()[0]
     if options.add or options.doc is None:
-        found = measured(options.only or list(GROUPS))
+        found = measured(options.only or list(GROUPS), options.earlier)
         measurement = measurements.now(found, load, options.machine)
         print(measurements.figures_table([measurement]))
         if options.add:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ import click
 
 from twin.base.page import markdown
 
+COMMIT = "2a000bf6"
 PERIOD_S = 0.002
 BATCH = """
 import sys, time
@@ -118,16 +120,15 @@ print(np.median(times[round(1 / rig.period) :]) / 1e3)
 SHELL = """
 import resource, subprocess, sys, tempfile
 
-name, _, seconds, *settings = sys.argv[1:]
-settings += [f"duration={seconds}", f"metrics.start={float(seconds) / 2}"]
-words = ["run", name, *(word for each in settings for word in ("--set", each))]
+name, _, seconds, command, *given = sys.argv[1:]
+given += ["--set", f"duration={seconds}", "--set", f"metrics.start={float(seconds) / 2}"]
 with tempfile.TemporaryDirectory() as folder:
-    call = [sys.executable, "-c", "from twin.cli import main; main()", *words, "--out", folder]
-    subprocess.run(call, capture_output=True, check=True)
+    call = [sys.executable, "-c", "from twin.cli import main; main()", command, name, *given]
+    subprocess.run([*call, "--out", folder + "/out"], capture_output=True, check=True)
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 """
 RAN = SHELL + "print(used.ru_utime + used.ru_stime)"
-"""Processor seconds of a command from the shell to its last file."""
+"""Processor seconds of a command from the shell to its last file; the settings are its words."""
 HELD = SHELL + "print(used.ru_maxrss / 1024)"
 """Memory in MiB of the largest of its processes."""
 STARTED = """
@@ -148,7 +149,7 @@ class Row(NamedTuple):
         unit: Its unit.
         program: What prints it, given scenario, rigs, seconds and settings.
         rigs: How many.
-        case: Scenario and settings.
+        case: Scenario and settings, or command and words.
         goal: Largest ratio of here to the earlier commit; None for none.
         seconds: Simulated time.
     """
@@ -162,9 +163,17 @@ class Row(NamedTuple):
     goal: float | None = None
     seconds: float = 3.0
 
+    @property
+    def figure(self) -> str:
+        """The ratio in words."""
+        return f"{self.what}, times that of commit {COMMIT}"
+
 
 MECHANISM, EXACT = "plant.kind=mujoco", "plant.kind=lagrange"
-KALMAN = ("cure", EXACT, "observer.kind=friction_kalman")
+CIRCLE, KALMAN = ("circle", MECHANISM), ("cure", EXACT, "observer.kind=friction_kalman")
+LAWS = "afl", "afl_integral", "backstepping", "feedforward", "lqr", "pid"
+EXPLAINED = ("circle", "explain", "--processes", "1")
+COMPARED = ("circle", "compare", "--processes", "1", "--vary", f"controller.kind={list(LAWS)}")
 ROWS = (
     Row("fixed", "16 rigs, afl, mechanism, without physics", "us", FIXED, 16, ("circle",), 0.5),
     Row("point", "1 rig of a study, afl, mechanism", "us", SIMULATED, 1, ("circle",), 0.2),
@@ -183,11 +192,13 @@ ROWS = (
         0.125,
         12.0,
     ),
-    Row("sweep", "sweep over 64 rigs, afl, mechanism", "us", SWEPT, 64, ("circle", MECHANISM)),
+    Row("sweep", "sweep of 128 points, afl, mechanism", "us", SWEPT, 128, CIRCLE, 0.125),
+    Row("explain", "explain circle", "s", RAN, 1, EXPLAINED, 0.5, 8.0),
+    Row("compare", "compare of six laws", "s", RAN, 6, COMPARED, 0.6, 8.0),
     Row("command", "one command of the cure", "us", COMMANDED, 1, ("cure",), 0.6),
     Row("start", "imports of a study and of whatif", "s", STARTED, 1, ("circle",)),
-    Row("run", "run circle from the shell", "s", RAN, 1, ("circle",), 0.7, 25.0),
-    Row("memory", "memory of run circle", "MiB", HELD, 1, ("circle",), 0.76, 25.0),
+    Row("run", "run circle from the shell", "s", RAN, 1, ("circle", "run"), 0.7, 25.0),
+    Row("memory", "memory of run circle", "MiB", HELD, 1, ("circle", "run"), 0.76, 25.0),
 )
 """All that is compared; a period of all rigs where nothing else is stated."""
 SMALL_GROUPS, LARGE_GROUP = (2, 5, 9, 15), 16
@@ -210,14 +221,20 @@ def measure(checkout: Path, row: Row) -> float:
     return float(done.stdout)
 
 
+def compared(old: Path, only: tuple[str, ...], rounds: int) -> Iterator[tuple[Row, float, float]]:
+    """Every figure at the earlier commit and here, as it is found."""
+    here = Path(sys.prefix).parent
+    for row in ROWS:
+        if not only or row.name in only:
+            turns = [[measure(each, row) for each in (old, here)] for _ in range(rounds)]
+            before, now = map(min, zip(*turns, strict=True))
+            yield row, before, now
+
+
 def table(old: Path, only: tuple[str, ...], rounds: int) -> str:
     """Every figure at both commits, the ratio and its goal, as Markdown."""
-    here, found = Path(sys.prefix).parent, []
-    for row in ROWS:
-        if only and row.name not in only:
-            continue
-        turns = [[measure(each, row) for each in (old, here)] for _ in range(rounds)]
-        before, now = map(min, zip(*turns, strict=True))
+    found = []
+    for row, before, now in compared(old, only, rounds):
         bound = "-" if row.goal is None else f"at most {row.goal:g}"
         cells = f"{before:.4g} {row.unit}", f"{now:.4g} {row.unit}", f"{now / before:.2f}"
         found.append((row.what, *cells, bound))

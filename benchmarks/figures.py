@@ -9,7 +9,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from benchmarks import closed_loop, exact_plant, start_up, study_speed, traces
+from benchmarks import (
+    beside_commit,
+    closed_loop,
+    exact_plant,
+    memory,
+    start_up,
+    study_speed,
+    traces,
+)
 from twin.base.writing import write_whole
 from twin.run.finished import run
 from twin.run.picture import png
@@ -50,15 +58,15 @@ class Figure(NamedTuple):
 ROLLING = Friction(rolling=1.8e-4)
 GOALS: dict[str, Goal | None] = {
     **{f"ballplate {name}, times import numpy": Goal(1) for name in start_up.QUICK},
-    "run circle, from the shell to the last file, times import numpy": Goal(28),
+    "run circle, from the shell to the last file, times import numpy": Goal(18),
     # half of 4.6 at commit 95b7a20: 0.88 s and 0.19 s on one machine
     "picture of a run, times import numpy": Goal(2.3),
     # 6.4 and 1.0 when frames of traces were messages of python-can
     "ballplate trace of 16,000 frames, times import numpy": Goal(4),
     "reading a log of candump, times python-can's reader": Goal(0.8),
-    # set when it was 5.9 to 6.8
-    "closed loop of one rig, sine, times bare mj_step, least": Goal(4.2),
-    "closed loop of one rig, sine, times bare mj_step, median": Goal(4.2),
+    # set when it was 3.7 to 5.9
+    "closed loop of one rig, sine, times bare mj_step, least": Goal(3.2),
+    "closed loop of one rig, sine, times bare mj_step, median": Goal(3.2),
     "closed loop of one rig, circle, times bare mj_step, least": None,
     "closed loop of one rig, circle, times bare mj_step, median": None,
     "exact plant, without friction, times as fast as plain RK4": Goal(3, most=False),
@@ -66,6 +74,8 @@ GOALS: dict[str, Goal | None] = {
     "runs of 16 s of a study, times those at a step of 1 ms": None,
     # measured beside a checkout of that commit until commit c694846c
     "the same, times those of commit 95b7a20": Goal(1.8, most=False),
+    **{row.figure: None if row.goal is None else Goal(row.goal) for row in beside_commit.ROWS},
+    **{f"memory of a {what}, MiB per 1,000 runs": None for what, *_ in memory.ROWS},
 }
 """What is measured, in the order of the page, and its goal if it has one."""
 
@@ -136,6 +146,20 @@ def study(rounds: int) -> Iterator[Figure]:
     yield Figure(what, now / fine, f"{now:.0f} and {fine:.0f} an hour of one core")
 
 
+def runs_kept(_: int) -> Iterator[Figure]:
+    """How the memory of many runs grows."""
+    for what, program, least, most in memory.ROWS:
+        few, many, more = memory.growth(program, least, most)
+        note = f"{few:.0f} MiB, then {many:.0f}"
+        yield Figure(f"memory of a {what}, MiB per 1,000 runs", more, note)
+
+
+def beside(old: Path, rounds: int) -> Iterator[Figure]:
+    """What has a goal as a ratio to an earlier commit, which is checked out in a folder."""
+    for row, before, now in beside_commit.compared(old, (), rounds):
+        yield Figure(row.figure, now / before, f"{now:.4g} and {before:.4g} {row.unit}")
+
+
 GROUPS: dict[str, Callable[[int], Iterator[Figure]]] = {
     "commands": commands,
     "run": whole_run,
@@ -143,5 +167,6 @@ GROUPS: dict[str, Callable[[int], Iterator[Figure]]] = {
     "loop": loop,
     "exact": exact,
     "study": study,
+    "memory": runs_kept,
 }
 """What can be measured by itself, by name; each is called with its rounds."""

@@ -2,7 +2,7 @@
 
 uv run python -m benchmarks.memory
 
-A sweep of 100 and one of 500 points, a study of 1,000 and one of 5,000 runs: of each the largest
+A sweep of 100 and one of 1,000 points, a study of 1,000 and one of 10,000 runs: of each the largest
 memory of a process of its own. What they keep of a run is a row of indicators; a motion of 2 s has
 15 MiB in a thousand runs for each column of two axes.
 """
@@ -35,7 +35,7 @@ study = {
 ballplate.study(study, samples=int(sys.argv[1]), processes=1, engine="c")
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 """
-ROWS = (("sweep", SWEPT, 100, 500), ("study with engine = c", STUDIED, 1_000, 5_000))
+ROWS = (("sweep", SWEPT, 100, 1_000), ("study with engine = c", STUDIED, 1_000, 10_000))
 """What runs, by which program, and how many runs twice."""
 
 
@@ -51,12 +51,17 @@ def peak_mib(program: str, runs: int) -> float:
     return float(done.stdout.split()[-1])
 
 
+def growth(program: str, few: int, many: int) -> tuple[float, float, float]:
+    """Largest memory in MiB with few and with many runs, and by how much it grows per 1,000."""
+    small, large = (peak_mib(program, runs) for runs in (few, many))
+    return small, large, 1000 * (large - small) / (many - few)
+
+
 def main() -> None:
     """Print what each costs."""
     found = []
     for what, program, few, many in ROWS:
-        small, large = (peak_mib(program, runs) for runs in (few, many))
-        more = 1000 * (large - small) / (many - few)
+        small, large, more = growth(program, few, many)
         found.append((what, f"{few}: {small:.0f}", f"{many}: {large:.0f}", f"{more:.1f}"))
     print(markdown(("runs", "MiB of few", "MiB of many", "MiB per 1,000 runs"), found))
 

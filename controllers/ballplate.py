@@ -206,9 +206,11 @@ class BallPlate:
         """Brunovsky form of the flat model at the state x, shape (..., 8)."""
         z = x.copy().reshape(*x.shape[:-1], 2, 4)
         # a copy lies in one piece, which numpy reads faster than every fourth number
-        angle, rate = x[..., 2::4].copy(), x[..., 3::4]
-        a = self.k * np.cos(angle)
-        z[..., 2] = self.k * np.sin(angle)
+        angle, rate = x[..., 2::4].copy(), x[..., 3::4].copy()
+        # arrays of one shape, too: where one has to be repeated takes three times as long
+        k = self.k.reshape(angle.shape) if angle.size == len(self.k) else self.k
+        a = k * np.cos(angle)
+        z[..., 2] = k * np.sin(angle)
         z[..., 3] = a * rate
         return Chain(z, angle, rate, a)
 

@@ -335,10 +335,12 @@ class AFL(Law):
         """Plate accelerations (6.59) in rad/s^2, shape (..., 2)."""
         z, _, rate, a = self.model.chain(x)
         r = reference(t)
+        if r.size == 5 * rate.size:
+            r = r.reshape(5, *rate.shape)
         v = r[4] - (z - stack_reference(r[:4])).dot(self.p[:4])
         if self.memory:
             v = v - self.p[4] * q
-        return (v + z[..., 2] * rate * rate) / a
+        return (v + z[..., 2].copy() * rate * rate) / a
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -105,6 +105,9 @@ class WithDerivatives:
         breaks: Where each piece counts its time from, and where the last ends, (pieces + 1,).
     """
 
+    BLOCK = 1024
+    """Times that are worked out at once."""
+
     def __init__(self, coefficients: Array, breaks: Array) -> None:
         rising = coefficients[::-1]
         count, pieces, n = rising.shape
@@ -119,10 +122,17 @@ class WithDerivatives:
     def __call__(self, t: float | Array) -> Array:
         """Value and four derivatives at t, shape (5, *shape(t), n)."""
         time = np.asarray(t, float)
+        if time.size > self.BLOCK:  # what is multiplied needs ten times the room of the result
+            flat, n = time.reshape(-1), self._rising.shape[-1]
+            found = np.empty((time.size, 5, n))
+            for first in range(0, time.size, self.BLOCK):
+                block = slice(first, first + self.BLOCK)
+                found[block] = np.moveaxis(self(flat[block]), 0, 1)
+            return np.moveaxis(found.reshape(*time.shape, 5, n), -2, 0)
         piece: Any
         if time.ndim:
-            found = self._breaks.searchsorted(time, "right") - 1
-            piece = np.minimum(np.maximum(found, 0), self._last)
+            places = self._breaks.searchsorted(time, "right") - 1
+            piece = np.minimum(np.maximum(places, 0), self._last)
         else:  # the same in plain numbers, several times faster
             piece = min(max(bisect_right(self._list, t) - 1, 0), self._last)
         powers = np.ones((*time.shape, self._rising.shape[1]))

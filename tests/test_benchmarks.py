@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import exact_plant, figures, measurements, realtime
+from benchmarks import beside_commit, exact_plant, figures, measurements, realtime
 from benchmarks.__main__ import TEMPLATE
 from benchmarks.figures import GOALS, Figure, Goal
 from benchmarks.measurements import Measurement
@@ -26,16 +26,28 @@ def row(table, what):
 @pytest.mark.parametrize(
     ("values", "said", "reached"),
     [
-        ([3.8, 4.1], "3.80 to 4.10", "yes"),
-        ([3.8, 5.9], "3.80 to 5.90", "partly"),
-        ([5.9, 3.8], "3.80 to 5.90", "partly"),
+        ([2.8, 3.1], "2.80 to 3.10", "yes"),
+        ([2.8, 5.9], "2.80 to 5.90", "partly"),
+        ([5.9, 2.8], "2.80 to 5.90", "partly"),
         ([5.2, 5.9], "5.20 to 5.90", "no"),
-        ([4.2], "4.20", "yes"),
+        ([3.2], "3.20", "yes"),
     ],
 )
 def test_a_goal_is_reached_only_where_every_measurement_keeps_it(values, said, reached):
     table = measurements.figures_table([measurement(**{LOOP: [value] * 2}) for value in values])
-    assert row(table, LOOP) == [said, str(len(values)), "at most 4.2", reached]
+    assert row(table, LOOP) == [said, str(len(values)), "at most 3.2", reached]
+
+
+def test_every_comparison_with_an_earlier_commit_has_a_row(monkeypatch, tmp_path):
+    monkeypatch.setattr(beside_commit, "measure", lambda place, row: 2.0 + (place == tmp_path))
+    found = list(figures.beside(tmp_path, 1))
+    table = measurements.figures_table([measurements.now(found, 0.1)])
+    for each in beside_commit.ROWS:
+        goal = each.goal
+        judged = (
+            ["-", ""] if goal is None else [f"at most {goal:g}", "no" if goal < 0.67 else "yes"]
+        )
+        assert row(table, each.figure) == ["0.67", "1", *judged]
 
 
 def test_one_measurement_may_be_an_interval_and_the_least_counts_where_much_is_asked():

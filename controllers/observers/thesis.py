@@ -37,7 +37,8 @@ def innovation(measurement: Measurement, x: Array) -> Array:
     Returns:
         Shape (..., 4), in m and rad.
     """
-    e = measurement.y - x[..., OUTPUT_SLICE]
+    # a copy lies in one piece, which numpy reads faster than every second number
+    e = measurement.y - x[..., OUTPUT_SLICE].copy()
     if not every(measurement.touched):
         e[~measurement.touched, 0::2] = 0
     return e

@@ -574,13 +574,11 @@ def work_of(name: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Work:
     try:
         # a run is kept under the text of its law: one of a notebook has none
         with in_files_only():
-            work = Work(about)
-        if about.engine == "c":
-            from twin.study.compiled import check_known
+            if about.engine == "c":
+                from twin.study.compiled import KnownCheck
 
-            for task in work.first_of_each_variant:
-                check_known(work.scenario(task))
+                return Work(about, check=KnownCheck())
+            return Work(about)
     except ScenarioError as error:  # it names the scenario
         called = about.title if isinstance(name, Mapping) else name
         raise ScenarioError(f"study {called}: {error}") from error
-    return work

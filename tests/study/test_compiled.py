@@ -228,6 +228,41 @@ def test_what_c_does_not_know_is_refused_in_one_line(settings, words):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("key", "values", "words"),
+    [
+        ("plant.kind", ("lagrange", "mujoco"), "plant.kind: must be lagrange with engine = c"),
+        ("controller.computing_time", (0.0, 0.004), "computing time"),
+        ("controller.kind", ("afl", "mpc"), "mpc"),
+    ],
+)
+def test_what_c_does_not_know_of_a_later_point_is_refused_before_the_first_run(
+    monkeypatch, key, values, words
+):
+    monkeypatch.setattr(compiled, "carry_out_compiled", lambda jobs: pytest.fail("a run began"))
+    study = {
+        "title": "t",
+        "scenario": "circle",
+        "set": ["duration=0.1", *(EXACT if key != "plant.kind" else ["baseline=false"])],
+        "engine": "c",
+        "method": "grid",
+        "parameters": {key: {"values": values}},
+    }
+    with pytest.raises(TwinError, match=words) as refused:
+        bp.study(study, processes=1)
+    assert "\n" not in str(refused.value)
+
+
+def test_each_controller_of_a_study_in_c_is_asked_for_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(compiled, "check_controller", asked.append)
+    check = compiled.KnownCheck()
+    rigs = [(law, seed) for seed in (1, 2) for law in ("afl", "lqr")]
+    for law, seed in rigs:
+        check(scenario(f"controller.kind={law}", f"seed={seed}"))
+    assert [each.controller.kind for each in asked] == ["afl", "lqr"]
+
+
 def test_a_missing_compiler_is_one_line(monkeypatch):
     monkeypatch.setattr(compiled, "_compiled", {})
     monkeypatch.setattr(shutil, "which", lambda _: None)

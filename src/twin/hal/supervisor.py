@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import IntEnum, StrEnum
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,16 +140,16 @@ class Note(NamedTuple):
     text: str
 
 
-def correct_angle(angle: Array, drift: Array, share: Number) -> Array:
+def correct_angle(angle: Any, drift: Any, share: Number) -> Any:
     """The commanded plate angle, corrected by a share of its drift from the measured one.
 
     Args:
-        angle: Integral of the commanded rates, rad, shape (N, 2).
-        drift: Measured angle less this one, rad, shape (N, 2).
+        angle: Integral of the commanded rates, rad, shape (N, 2) or a number.
+        drift: Measured angle less this one, rad, likewise.
         share: Control period over the time constant of the correction.
 
     Returns:
-        Angle in rad, shape (N, 2).
+        Angle in rad, likewise.
     """
     return angle + share * drift
 
@@ -209,6 +210,7 @@ class Supervisor:
         self._bounds: Array = np.empty((rigs, 4))
         self._bounds[:, 0::2] = np.add(limits.area, column(limits.margin))
         self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK_RAD
+        self._bounds_of_one = self._bounds[0].tolist()
         self.drift_time = self.DRIFT_TIME_S
         self._unseen: float | Array = 0.0
         self._paces = max(1, round(BALL_SPEED_WINDOW_S / period))
@@ -229,6 +231,7 @@ class Supervisor:
     def drift_time(self, time: float) -> None:
         self._drift_time = time
         self._drift_share = self._period / time
+        self._drift_share_of_one = float(self._drift_share)
 
     def limit_rate(self, rate: float | None) -> None:
         """Limit plate rates to this one in rad/s; None for those of the limits."""
@@ -300,7 +303,42 @@ class Supervisor:
             y: Measured x, phi, y, theta in m and rad, shape (N, 4).
             touched: Whether the screen detects the ball, shape (N,).
         """
-        plate = y[:, 1::2]
+        plate = y[:, 1::2].copy()
+        if len(y) == 1 and self._watch_one(y[0].tolist(), touched):
+            self._unseen = 0.0
+        else:
+            self._watch_all(y, plate, touched)
+        self._pace += 1
+        if self._pace == self._paces:
+            self._pace = 0
+            self._watch_speed(y[:, 0::2], touched)
+        self._plates.append(plate)
+        if not self.all_running:
+            self._watch_levelling(np.abs(plate))
+
+    def _watch_one(self, y: Sequence[float], touched: Mask) -> bool:
+        """Take in a measurement of the only rig in plain numbers; not if there is more to judge.
+
+        Args:
+            y: Measured x, phi, y, theta in m and rad.
+            touched: Whether the screen detects the ball, shape (1,).
+
+        Returns:
+            Whether ball and plate are within their limits and the ball is detected; else nothing
+            has been taken in.
+        """
+        (x, phi, across, theta), (most_x, most_phi, most_y, most_theta) = y, self._bounds_of_one
+        ball = -most_x <= x <= most_x and -most_y <= across <= most_y
+        plate = -most_phi <= phi <= most_phi and -most_theta <= theta <= most_theta
+        if not (ball and plate and touched[0]):
+            return False
+        (a, b), share = self.angle[0].tolist(), self._drift_share_of_one
+        angles = correct_angle(a, phi - a, share), correct_angle(b, theta - b, share)
+        self.angle = np.array([angles])
+        return True
+
+    def _watch_all(self, y: Array, plate: Array, touched: Mask) -> None:
+        """Take in measurements and judge them."""
         drift = plate - self.angle
         # of what is within its bounds nothing is infinite or no number
         within = np.abs(y) <= self._bounds
@@ -320,13 +358,6 @@ class Supervisor:
             self._judge(BALL_LOST, self.lost, y, "the ball is no longer detected")
         else:
             self._unseen = 0.0
-        self._pace += 1
-        if self._pace == self._paces:
-            self._pace = 0
-            self._watch_speed(y[:, 0::2], touched)
-        self._plates.append(plate)
-        if not self.all_running:
-            self._watch_levelling(np.abs(plate))
 
     def _watch_levelling(self, tilt: Array) -> None:
         """Stop the rigs with a plate that tilts further and further though it is levelled.

@@ -704,7 +704,7 @@ class SimulatedDevices:
 
     def plate(self) -> Array:
         """Plate angles (phi, theta) as the encoders count them, rad, shape (N, 2)."""
-        return self._encoders.read(self.state[:, 2::4])
+        return self._encoders.read(self.state[:, 2::4].copy())
 
     def motor(self) -> Array:
         """Motor angles in rad, before what is lost on the way to the shafts, shape (N, 2)."""

@@ -292,24 +292,59 @@ def knows(scenarios: Iterable[Scenario]) -> bool:
         if any(find_unknown(scenario)) or len(controllers) > MOST_CONTROLLERS:
             return False
     try:
-        with extra("casadi", "engine = c"):
-            from twin.board.source import controller_parts  # noqa: PLC0415  heavy
-        with own_errors():
-            for scenario in controllers.values():
-                controller_parts(NAME, control_of(scenario), "double")
+        for scenario in controllers.values():
+            check_controller(scenario)
     except TwinError:
         return False
     return True
 
 
 def check_known(scenario: Scenario) -> None:
-    """Make sure that the compiled loop knows all of a scenario.
+    """Make sure that the compiled loop knows all of a rig.
 
     Raises:
         ScenarioError: If it does not: what, in a line.
     """
     for unknown in find_unknown(scenario):
         raise ScenarioError(unknown)
+
+
+class KnownCheck:
+    """Makes sure, before any of some runs begins, that the compiled loop knows all of each.
+
+    What of a rig the loop does not know is looked for in every run. Whether a controller has a form
+    in C takes longer and is asked once of each, of the first ``MOST_CONTROLLERS``; the others are
+    asked when they are compiled. A controller that cannot be built is left to the run.
+    """
+
+    def __init__(self) -> None:
+        self._controllers = set[str]()
+
+    def __call__(self, scenario: Scenario) -> None:
+        """Check the scenario of a run.
+
+        Raises:
+            TwinError: If the loop does not know something: what, in a line.
+        """
+        check_known(scenario)
+        controller = controller_key(scenario)
+        if controller in self._controllers or len(self._controllers) == MOST_CONTROLLERS:
+            return
+        self._controllers.add(controller)
+        if refusal(scenario) is None:
+            check_controller(scenario)
+
+
+def check_controller(scenario: Scenario) -> None:
+    """Make sure that the controller of a scenario has a form in C.
+
+    Raises:
+        TwinError: If it has none, or what writes it is not installed.
+    """
+    with extra("casadi", "engine = c"):
+        from twin.board.source import controller_parts  # noqa: PLC0415  heavy
+    with own_errors():
+        controller_parts(NAME, control_of(scenario), "double")
 
 
 def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:

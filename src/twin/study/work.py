@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -311,6 +311,7 @@ class Work(ScenarioRuns):
         study: What is asked.
         design: Points in place of the study's own.
         left_out: Parameters that the runs leave as their scenario has them.
+        check: Called with the scenario of each run; raises a `TwinError` for one that must not be.
 
     Attributes:
         design: Its points.
@@ -322,7 +323,12 @@ class Work(ScenarioRuns):
     """
 
     def __init__(
-        self, study: Study, design: Design | None = None, left_out: Collection[str] = ()
+        self,
+        study: Study,
+        design: Design | None = None,
+        left_out: Collection[str] = (),
+        *,
+        check: Callable[[Scenario], None] = lambda _: None,
     ) -> None:
         super().__init__((), mark="" if study.engine == "python" else f"engine c {c_code()} ")
         self.study = study
@@ -336,6 +342,7 @@ class Work(ScenarioRuns):
         self.steps: set[float] = set()
         for point, seed, name in product(range(len(self.design)), range(study.seeds), self._bases):
             scenario = self._made(name, point, seed)
+            check(scenario)
             self.steps.add(scenario.plant.step)
             self.tasks.append(self._task(scenario, name, point, seed))
 

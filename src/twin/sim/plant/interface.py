@@ -399,40 +399,71 @@ def in_own_axes(vector: Array, orientation: Array) -> Array:
     return vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
 
 
-def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array) -> Array:
-    """Position and velocity of the ball in plate axes.
+class BallsInPlates:
+    """Positions and velocities of N balls in plate axes, from poses and rates of the mechanisms.
 
     Plate axes are those of R = Rx(theta) Ry(phi) (4.5), so the position is R' r, and its rate
     R' (v - w x r) with the plate's angular velocity w = (theta', phi' cos theta, phi' sin theta)
-    in world axes.
+    in world axes. What is calculated stays in arrays of this object, which are of one piece and of
+    one shape where they meet: of few rigs numpy takes several times as long for others, and as long
+    to make a view of an array as to calculate with it.
 
     Args:
-        plate: Plate angles (phi, theta) in rad, shape (2, N).
-        plate_rate: Their rates in rad/s, shape (2, N).
-        ball: Ball centre in world axes from the cardan joint, m, shape (3, N).
-        ball_rate: Its velocity in world axes, m/s, shape (3, N).
-
-    Returns:
-        Along each axis of the plate position in m and velocity in m/s, shape (3, 2, N).
+        rigs: Their number N.
+        poses: In an array of poses, shape (N, ...), the places of phi and theta in rad and of the
+            ball's centre in world axes from the cardan joint, m, shape (5,).
+        rates: In one of rates those of their rates, shape (5,).
     """
-    (sin_phi, sin_theta), (cos_phi, cos_theta) = np.sin(plate), np.cos(plate)
-    phi_rate, theta_rate = plate_rate
-    # the first two components once more behind the third: slices of them are the cross product
-    w, r = np.empty((2, 5, plate.shape[1]))
-    w[0] = w[3] = theta_rate
-    w[1] = w[4] = phi_rate * cos_theta
-    w[2] = phi_rate * sin_theta
-    r[:3], r[3:] = ball, ball[:2]
-    found = np.empty((3, 2, plate.shape[1]))
-    found[:, 0] = ball
-    # relative to the turning plate, still in world axes
-    found[:, 1] = ball_rate - w[1:4] * r[2:5] + w[2:5] * r[1:4]
-    # back by theta, y with z, then by phi, x with z
-    straight, across = cos_theta * found[1:], sin_theta * found[:0:-1]
-    found[1], found[2] = straight[0] + across[0], straight[1] - across[1]
-    straight, across = cos_phi * found[::2], sin_phi * found[::-2]
-    found[0], found[2] = straight[0] - across[0], straight[1] + across[1]
-    return found
+
+    def __init__(self, rigs: int, poses: NDArray[np.integer], rates: NDArray[np.integer]) -> None:
+        # angles twice, for position and velocity; the first two components of w and r once more
+        # behind the third: slices of them are a cross product
+        self._poses, self._rates = (
+            poses[[0, 0, 1, 1, 2, 3, 4, 2, 3]],
+            rates[[1, 0, 0, 1, 0, 2, 3, 4]],
+        )
+        pose, rate = np.empty((9, rigs)), np.empty((8, rigs))
+        cosines, sines = np.empty((2, 4, rigs))
+        state, ball, height = np.empty((8, rigs)), np.empty((3, 2, rigs)), np.empty((2, rigs))
+        self._taken = pose, pose[:4], rate
+        self._known = (state[2::4], pose[0:4:2]), (state[3::4], rate[1::-1])
+        self._turning = rate[1], rate[2], rate[4], rate[1:4], rate[2:5], rate[5:]
+        self._centre = pose[4:7], pose[5:8], pose[6:9]
+        self._trigonometric = cosines, cosines[2], sines, sines[2]
+        self._parts = ball[:, 0], ball[:, 1], ball, height
+        self._turns = cosines[:2], cosines[2:], sines[:2], sines[2:], state[0:2], state[4:6]
+        self._state, self._height = state, height[0]
+
+    def look(self, pose: Array, rate: Array) -> tuple[Array, Array]:
+        """The states for poses and rates in the order of (5.5), and the balls' heights in m.
+
+        Returns:
+            Shape (8, N) and (N,), of which the latter is overwritten by the next call.
+        """
+        poses, angles, rates = self._taken
+        poses[...] = pose.take(self._poses, axis=1).T
+        rates[...] = rate.take(self._rates, axis=1).T
+        for own, given in self._known:
+            own[...] = given
+        cosines, cosine, sines, sine = self._trigonometric
+        np.cos(angles, cosines)
+        np.sin(angles, sines)
+        about_y, about_z, again, ahead, behind, moved = self._turning
+        np.multiply(about_y, cosine, about_y)
+        np.multiply(about_z, sine, about_z)
+        again[...] = about_y
+        # relative to the turning plate, still in world axes
+        r, r_behind, r_ahead = self._centre
+        position, velocity, (x, y, z), height = self._parts
+        position[...] = r
+        velocity[...] = moved - ahead * r_ahead + behind * r_behind
+        # back by theta, y with z, then by phi, x with z
+        cos_phi, cos_theta, sin_phi, sin_theta, along_x, along_y = self._turns
+        np.add(cos_theta * y, sin_theta * z, along_y)
+        z = cos_theta * z - sin_theta * y
+        np.subtract(cos_phi * x, sin_phi * z, along_x)
+        np.add(cos_phi * z, sin_phi * x, height)
+        return self._state.copy(), self._height
 
 
 def one_ball_in_plate(
@@ -441,7 +472,7 @@ def one_ball_in_plate(
     ball: Sequence[float],
     ball_rate: Sequence[float],
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """``ball_in_plate`` of one rig in plain numbers: the same to the bit, and several times faster.
+    """``BallsInPlates`` of one rig in plain numbers: the same to the bit, and several times faster.
 
     Args:
         plate: Plate angles (phi, theta) in rad.

@@ -15,12 +15,12 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, Number, constant
+from controllers.arrays import Array, Mask, Number, constant, every
 from twin.base.errors import ModelError
 from twin.sim.plant.friction import Contacts, Friction
 from twin.sim.plant.interface import (
+    BallsInPlates,
     Parts,
-    ball_in_plate,
     from_plate,
     in_own_axes,
     one_ball_in_plate,
@@ -262,6 +262,10 @@ class Mechanism:
         self._ctrl: Array = self._batch.bind("ctrl")
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
+        self._balls = BallsInPlates(rigs, self._at.poses, self._at.rates)
+        self._places = np.empty((3, rigs))
+        """Distances of the balls from the middle along x and y, and below the joint, m."""
+        self._all = np.ones(rigs, bool)
         self._rim = rim
         self._height = self._models.heights()
         self._shape()
@@ -315,6 +319,7 @@ class Mechanism:
 
     def _shape(self) -> None:
         self._half, self._surface, self._rounded = self._models.shapes()
+        self._bounds = np.vstack((self._half, -self._surface))
         self._any_round = bool(self._rounded.any())
         self._walls: Walls | None = None
         if self._rim is not None and self._rim.given:
@@ -436,18 +441,17 @@ class Mechanism:
         if self.rigs == 1:
             self._look_at_one()
             return
-        pose = self._qpos.take(self._at.poses, axis=1).T
-        rate = self._qvel.take(self._at.rates, axis=1).T
-        ball = ball_in_plate(pose[:2], rate[:2], pose[2:], rate[2:])
-        self._seen = np.empty((8, self.rigs)).T
-        seen = self._seen.T
-        seen[0:2], seen[4:6], seen[2::4], seen[3::4] = ball[0], ball[1], pose[:2], rate[:2]
-        place, height = ball[:2, 0], ball[2, 0]
-        inside = np.abs(place) <= self._half
-        self._inside = inside[0] & inside[1] & (height >= self._surface)
+        seen, height = self._balls.look(self._qpos, self._qvel)
+        self._seen, places = seen.T, self._places
+        np.abs(seen[0], places[0])
+        np.abs(seen[4], places[1])
+        # below is as far beyond as beside
+        np.negative(height, places[2])
+        within = places <= self._bounds
+        self._inside = self._all if every(within) else within[0] & within[1] & within[2]
         if self._any_round:
-            beyond = place[0] ** 2 + place[1] ** 2 > self._half[0] ** 2
-            self._inside &= ~(self._rounded & beyond)
+            beyond = seen[0] ** 2 + seen[4] ** 2 > self._half[0] ** 2
+            self._inside = self._inside & ~(self._rounded & beyond)
 
     def _look_at_one(self) -> None:
         """The same of one rig in plain numbers, several times faster."""
