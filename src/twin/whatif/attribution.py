@@ -192,10 +192,8 @@ class Explanation:
             least = max(least, evaluated * 2 * np.pi / turned)
         if evaluated >= least:
             return ""
-        return (
-            f"too short to evaluate: {evaluated:.3g} s are evaluated (duration less metrics.start); "
-            f"shares mean something from {least:.3g} s on"
-        )
+        short = f"{evaluated:.3g} s are evaluated (duration less metrics.start)"
+        return f"too short to evaluate: {short}; shares mean something from {least:.3g} s on"
 
     def size(self, case: EffectCase) -> float:
         """The error of a case in % or mm; NaN for a run cut short."""
