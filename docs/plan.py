@@ -47,7 +47,7 @@ FIRST_RUN, SECOND_RUN, PLANNED_RUN = range(3)
 """Runs of a rig, each with noise of its own."""
 WITHIN = 1.3
 """Factor within which a forecast is to be."""
-BETWEEN = WITHIN**math.sqrt(2)
+BETWEEN = WITHIN ** math.sqrt(2)
 """Factor within which two runs of a rig agree as often as one is within the above of the median of
 all its runs, if the logarithms of its widths scatter normally: the best that a forecast can do."""
 SHOWN = {
