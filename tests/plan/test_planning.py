@@ -64,8 +64,9 @@ def test_a_rig_is_planned_for_with_one_axis(rig):
 
 @pytest.mark.long
 def test_a_plan_of_one_axis_has_no_second(capsys):
+    line = "identify --plan --axes 1 --seconds 15 --rigs 1 --scenario line --json"
     with pytest.raises(SystemExit) as ended:
-        main("identify --plan --axes 1 --seconds 15 --rigs 1 --scenario line --json".split())
+        main(line.split())
     found = json.loads(capsys.readouterr().out)
     assert ended.value.code == 0
     for rig in found["motions"][0]["rigs"]:

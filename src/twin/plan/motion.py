@@ -5,11 +5,11 @@ most of a few rigs are changed a little, and the best is kept. It becomes a scen
 of the usual operating area: on a rig with a smaller one they shrink with it.
 
 Goals lie on one side and the other by turns, and the interval leaves the ball the time to rest. The
-speed at the start of a window is known where the ball rests, and unknown where it rolls. An
-acceleration a over a time T then moves the ball by a T^2/2, of which all but a constant tells a, and
-not only what no straight line follows: the information is 16 times as much (1/20 - 1/36 over
-1/720). So strokes as long as a window, each from rest, tell most of friction and level; breakaway
-shows at each start, and the dead time at the speed of a long stroke.
+speed at the start of a window is known where the ball rests, and unknown where it rolls. From rest
+all but a constant of the way a T^2/2 tells an acceleration a, not only what no straight line
+follows: the information is 16 times as much (1/20 - 1/36 over 1/720). So strokes as long as a
+window, each from rest, tell most of friction and level; breakaway shows at each start, and the dead
+time at the speed of a long stroke.
 """
 
 from __future__ import annotations
