@@ -111,7 +111,8 @@ def known(
     sources = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
     if make is forecast:
         sources.append(Path(inspect.getfile(forecast_log)))
-    own = [*map(inspect.getsource, (recorded.__wrapped__, make)), FAMILY, SCENARIO, str((SECONDS, DRAW))]
+    about = (inspect.getsource(recorded.__wrapped__), inspect.getsource(make))
+    own = [*about, FAMILY, SCENARIO, str((SECONDS, DRAW))]
     how = " ".join((*own, *(path.read_text(encoding="utf-8") for path in sources)))
     key = digest(f"{code()} {how} {number} {run}")
     found: dict[str, Any] = kept("plan", key, lambda: make(*recorded(rigs)[number, run]))
