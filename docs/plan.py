@@ -1,6 +1,6 @@
 """Makes plan.md: what identify --plan forecasts of simulated rigs beside what identify then finds.
 
-uv run python docs/plan.py --rigs 34 --again 16
+uv run python docs/plan.py --rigs 30 --again 12
 
 Rigs of the family `uncertain`, drawn by their number, each simulated, identified as a user would,
 and forecast at its own numbers from a run with noise of its own; some are identified twice, from
@@ -13,6 +13,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
@@ -46,6 +47,9 @@ FIRST_RUN, SECOND_RUN, PLANNED_RUN = range(3)
 """Runs of a rig, each with noise of its own."""
 WITHIN = 1.3
 """Factor within which a forecast is to be."""
+BETWEEN = WITHIN ** math.sqrt(2)
+"""Factor within which two runs of a rig agree as often as one is within the above of the median of
+all its runs, if the logarithms of its widths scatter normally: the best that a forecast can do."""
 SHOWN = {
     "rolling": "plant.friction.rolling_mm",
     "breakaway": "plant.friction.breakaway_ratio",
@@ -59,19 +63,25 @@ Found = Mapping[str, Any]
 """What was found of a rig: why nothing, or parameter to verdict."""
 
 
-def recorded(number: int, run: int) -> tuple[Scenario, Log]:
-    """A rig, by its number in the draw, and the log of one of its runs."""
-    rig = draw_rigs(read_family(FAMILY), DRAW, number + 1)[number]
+@cache
+def recorded(rigs: int) -> dict[tuple[int, int], tuple[Scenario, Log]]:
+    """All runs of so many rigs, made in one batch: number in the draw and run to rig and log."""
     build, fixed = Builder(SCENARIO), [f"duration={SECONDS}"]
     believed = at_study_step(build(fixed, {}))
-    truth = at_study_step(build([*fixed, f"seed={rig.seed + run}"], rig.point))
-    return truth, logs([(believed, truth)])[0]
+    drawn = draw_rigs(read_family(FAMILY), DRAW, rigs)
+    every = {
+        (number, run): at_study_step(build([*fixed, f"seed={rig.seed + run}"], rig.point))
+        for number, rig in enumerate(drawn)
+        for run in (FIRST_RUN, SECOND_RUN, PLANNED_RUN)
+    }
+    made = logs([(believed, truth) for truth in every.values()])
+    return dict(zip(every, zip(every.values(), made, strict=True), strict=True))
 
 
-def identified(number: int, run: int) -> dict[str, Any]:
+def identified(truth: Scenario, log: Log) -> dict[str, Any]:
     """What identify finds in the log of a rig."""
     try:
-        found = identify_twin(recorded(number, run)[1], DEFAULT_PARAMETERS)
+        found = identify_twin(log, DEFAULT_PARAMETERS)
     except TwinError as error:
         return {"why": str(error), "verdicts": {}}
     return {
@@ -84,9 +94,8 @@ def identified(number: int, run: int) -> dict[str, Any]:
     }
 
 
-def forecast(number: int, run: int) -> dict[str, Any]:
+def forecast(truth: Scenario, log: Log) -> dict[str, Any]:
     """What is forecast of a rig at its own numbers."""
-    truth, log = recorded(number, run)
     found = forecast_log(log, truth)
     return {
         "why": found.why,
@@ -95,15 +104,18 @@ def forecast(number: int, run: int) -> dict[str, Any]:
     }
 
 
-def known(make: Callable[[int, int], dict[str, Any]], number: int, run: int) -> dict[str, Any]:
-    """What a function makes of a run of a rig: as kept, or made and then kept."""
+def known(
+    make: Callable[[Scenario, Log], dict[str, Any]], number: int, run: int, rigs: int
+) -> dict[str, Any]:
+    """What a function makes of a run of a rig, one of so many: as kept, or made and then kept."""
     sources = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
     if make is forecast:
         sources.append(Path(inspect.getfile(forecast_log)))
-    own = [*map(inspect.getsource, (recorded, make)), FAMILY, SCENARIO, str((SECONDS, DRAW))]
+    about = (inspect.getsource(recorded.__wrapped__), inspect.getsource(make))
+    own = [*about, FAMILY, SCENARIO, str((SECONDS, DRAW))]
     how = " ".join((*own, *(path.read_text(encoding="utf-8") for path in sources)))
     key = digest(f"{code()} {how} {number} {run}")
-    found: dict[str, Any] = kept("plan", key, lambda: make(number, run))
+    found: dict[str, Any] = kept("plan", key, lambda: make(*recorded(rigs)[number, run]))
     return found
 
 
@@ -147,23 +159,39 @@ def ratios(above: Sequence[Found], below: Sequence[Found], name: str) -> np.ndar
     return np.array([a / b for a, b in pairs if math.isfinite(a) and math.isfinite(b)])
 
 
-def cells(found: np.ndarray) -> tuple[str, ...]:
+def within(found: np.ndarray, factor: float) -> str:
+    """Share of ratios within a factor in percent, and its interval."""
+    near = np.abs(np.log(found)) <= math.log(factor)
+    low, high = wilson(int(near.sum()), len(found))
+    return f"{100 * near.mean():.0f} ({low:.0f} to {high:.0f})"
+
+
+def cells(found: np.ndarray, factor: float = WITHIN) -> tuple[str, ...]:
     """Rigs, median of their ratios, share within the factor in percent, factor that 90 % keep."""
     if not len(found):
         return "0", "-", "-", "-"
-    near = np.abs(np.log(found)) <= math.log(WITHIN)
-    low, high = wilson(int(near.sum()), len(found))
     most = math.exp(float(np.quantile(np.abs(np.log(found)), 0.9)))
-    share = f"{100 * near.mean():.0f} ({low:.0f} to {high:.0f})"
-    return str(len(found)), f"{np.median(found):.2f}", share, f"{most:.2f}"
+    return str(len(found)), f"{np.median(found):.2f}", within(found, factor), f"{most:.2f}"
 
 
-def rows(above: Sequence[Found], below: Sequence[Found]) -> Iterator[tuple[str, ...]]:
+def rows(
+    above: Sequence[Found], below: Sequence[Found], factor: float = WITHIN
+) -> Iterator[tuple[str, ...]]:
     """A row for each parameter, and one for all."""
     every = {name: ratios(above, below, name) for name in SHOWN}
     for name, found in every.items():
-        yield SHOWN[name], *cells(found)
-    yield "all of these", *cells(np.concatenate(list(every.values())))
+        yield SHOWN[name], *cells(found, factor)
+    yield "all of these", *cells(np.concatenate(list(every.values())), factor)
+
+
+def near_middle(planned: Sequence[Found], one: Sequence[Found], other: Sequence[Found]) -> str:
+    """Share of forecasts near the geometric mean of the widths of two runs, in percent."""
+    pairs = (
+        (half(p, name), math.sqrt(half(a, name) * half(b, name)))
+        for name in SHOWN
+        for p, a, b in zip(planned, one, other, strict=True)
+    )
+    return within(np.array([p / m for p, m in pairs if math.isfinite(p + m)]), WITHIN)
 
 
 def verdicts(planned: Sequence[Found], found: Sequence[Found]) -> Iterator[tuple[str, ...]]:
@@ -245,7 +273,9 @@ def page(
             *rows(planned, found),
             (f"all of these, rigs {SEEN} on", *list(rows(planned[SEEN:], found[SEEN:]))[-1][1:]),
         ],
-        repeated=list(rows(again, found[: len(again)])) if again else [],
+        repeated=list(rows(again, found[: len(again)], BETWEEN)) if again else [],
+        between=BETWEEN,
+        near=near_middle(planned[: len(again)], found[: len(again)], again) if again else "",
         verdicts=list(verdicts(planned, found)),
         blind=list(blind(planned, found)),
         optimised=optimised,
@@ -263,8 +293,8 @@ def page(
 
 
 @click.command()
-@click.option("--rigs", type=click.IntRange(min=2), default=34, help="Rigs.")
-@click.option("--again", type=click.IntRange(min=0), default=16, help="Of these identified twice.")
+@click.option("--rigs", type=click.IntRange(min=2), default=30, help="Rigs.")
+@click.option("--again", type=click.IntRange(min=0), default=12, help="Of these identified twice.")
 def main(rigs: int, again: int) -> None:
     """Compare forecasts with identifications, and write how near they are."""
     jobs = [(identified, n, FIRST_RUN) for n in range(rigs)]
@@ -273,7 +303,7 @@ def main(rigs: int, again: int) -> None:
     found = []
     with progress("runs", len(jobs)) as advance:
         for job in jobs:
-            found.append(known(*job))
+            found.append(known(*job, rigs))
             advance(len(found))
     text = page(found[-rigs:], found[:rigs], found[rigs:-rigs], known_optimised())
     write(HERE / "plan.md", text)

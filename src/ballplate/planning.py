@@ -78,6 +78,7 @@ def plan_experiment(
     parameters: str | Iterable[str] = (),
     *,
     on: str | Path | None = None,
+    axes: int | None = None,
     seconds: float = 40.0,
     rigs: int = 4,
     hold_out: float = HOLD_OUT_SHARE,
@@ -87,9 +88,11 @@ def plan_experiment(
     """Forecast what motions will tell of a rig, before anything is recorded.
 
     Args:
-        scenarios: Scenarios to compare; excite, circle and sine if none.
+        scenarios: Scenarios to compare; excite, circle and sine if none, on one axis line and
+            excite.
         parameters: Names of those to find, as ``identify`` takes them; the usual ones if none.
         on: A shipped rig, or a file of parameters; the thesis's rig if None.
+        axes: Number of axes of the rig, 1 or 2; those that it has if None.
         seconds: Length of the run, 5 to 600.
         rigs: Number of rigs that are drawn of what is not known of the rig, 0 to 200.
         hold_out: Share of the run that ``identify`` will hold out from the fit, 0 to 0.8.
@@ -108,14 +111,15 @@ def plan_experiment(
     """
     from twin.base.shipped import find
     from twin.identify.parameters import choose_parameters
-    from twin.plan.experiment import RigChoice, check_plan, forecast_motions
+    from twin.plan.experiment import RigChoice, axes_settings, check_plan, forecast_motions
     from twin.plan.motion import describe_work, optimise_motion
 
     check_hold_out(hold_out)
     names = [parameters] if isinstance(parameters, str) else parameters
     wanted = choose_parameters(",".join(names) or None)
     motions = [scenarios] if isinstance(scenarios, str | Path) else list(scenarios)
-    choice = RigChoice(on=str(on or ""), rigs=rigs)
+    rig = str(on or "")
+    choice = RigChoice(on=rig, rigs=rigs, settings=axes_settings(axes, rig))
     report = reporter or default()
     check_plan(seconds, choice, wanted)
     for name in motions:

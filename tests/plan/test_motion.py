@@ -53,6 +53,9 @@ def test_random_motions_and_changed_ones_stay_within_their_ranges():
     random, how = np.random.default_rng(4), replace(MOTION_SEARCH, change=0.8)
     one = Motion.draw(6.0, random, how)
     assert len(one.goals) * one.interval >= 6.0
+    # each stroke leads to the other side
+    assert (one.goals[1:, 0] * one.goals[:-1, 0] < 0).all()
+    assert np.hypot(*one.goals.T) == pytest.approx(1)
     for _ in range(20):
         one = one.change(random, how)
         assert np.abs(one.goals).max() <= 1

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from twin.cli import main
-from twin.plan.experiment import RigChoice, round_plainly
+from twin.plan.experiment import EXCITATIONS, RigChoice, axes_settings, round_plainly
 from twin.plan.motion import describe_work
 
 MISTAKES = {
@@ -23,6 +23,8 @@ MISTAKES = {
     "identify no.csv --optimise": "--optimise: needs --plan",
     "identify --plan --table motion.csv": "--table: needs --optimise",
     "identify --plan --optimise --table motion.txt": "--table motion.txt: must end in .toml or",
+    "identify no.csv --axes 1": "--axes: needs --plan",
+    "identify --plan --axes 3": "Invalid value for '--axes': 3 is not in the range 1<=x<=2",
     "identify --plan --hold-out 0.9": "hold_out: must be 0 to 0.8, got 0.9",
 }
 
@@ -51,6 +53,25 @@ def test_the_work_of_a_plan_is_stated_before_it_is_done():
     searched = describe_work(1, 10.0, RigChoice(on="tube", rigs=0), optimise=True)
     assert "a motion of 10 s on 1 rig, and a search" in searched
     assert "about 120 s" in searched  # of it 16 motions on 3 rigs
+
+
+@pytest.mark.parametrize("rig", ["", "hobby", "tube"])
+def test_a_rig_is_planned_for_with_one_axis(rig):
+    choice = RigChoice(on=rig, settings=axes_settings(1, rig))
+    assert EXCITATIONS[choice.axes][0] == "line"
+    assert axes_settings(None, rig) == ()
+
+
+@pytest.mark.long
+def test_a_plan_of_one_axis_has_no_second(capsys):
+    line = "identify --plan --axes 1 --seconds 15 --rigs 1 --scenario line --json"
+    with pytest.raises(SystemExit) as ended:
+        main(line.split())
+    found = json.loads(capsys.readouterr().out)
+    assert ended.value.code == 0
+    for rig in found["motions"][0]["rigs"]:
+        names = [each["name"] for each in rig["verdicts"]]
+        assert names == ["rolling", "breakaway", "delay", "servo", "level_phi"]
 
 
 @pytest.mark.long

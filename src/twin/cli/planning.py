@@ -18,6 +18,7 @@ OWN_OPTIONS = {
     "seconds": "--seconds",
     "scenarios": "--scenario",
     "rigs": "--rigs",
+    "axes": "--axes",
     "optimise": "--optimise",
     "files": "--table",
 }
@@ -46,12 +47,18 @@ def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
             help="With --plan: number of rigs drawn from the unknown parameters [4].",
         ),
         click.option(
+            "--axes",
+            type=click.IntRange(1, 2),
+            help="With --plan: number of axes of the rig [those that it has].",
+        ),
+        click.option(
             "--scenario",
             "scenarios",
             multiple=True,
             metavar="SCENARIO",
             shell_complete=options.scenarios,
-            help="With --plan: a motion to forecast [excite, circle, sine].",
+            help="With --plan: a motion to forecast [excite, circle, sine; on one axis line, "
+            "excite].",
         ),
         click.option("--seconds", type=float, help="With --plan: length of the run [40]."),
         click.option("--plan", is_flag=True, help="Forecast what a run would show; takes no LOG."),

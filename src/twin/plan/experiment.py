@@ -44,6 +44,22 @@ FORECAST_HEADINGS = (
 """Columns of the table of a forecast."""
 
 
+PLANT_OF_ONE_AXIS = "plant.kind=lagrange"
+"""The usual rig's plant where it is to have one axis: its mechanism has two."""
+
+
+def axes_settings(axes: int | None, on: str) -> tuple[str, ...]:
+    """Changes of the scenario that give a rig so many axes; none for None.
+
+    Args:
+        axes: Number of axes; None for those that the rig has.
+        on: Name or file of the rig; empty for the thesis's rig.
+    """
+    if axes is None:
+        return ()
+    return (f"plant.axes={axes}", *((PLANT_OF_ONE_AXIS,) if axes == 1 and not on else ()))
+
+
 @dataclass(frozen=True, kw_only=True)
 class RigChoice:
     """Rigs that an experiment is planned for.

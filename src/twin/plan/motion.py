@@ -3,6 +3,13 @@
 A motion is a list of goals, an interval and a filter. Some are drawn at random; those that tell
 most of a few rigs are changed a little, and the best is kept. It becomes a scenario, with lengths
 of the usual operating area: on a rig with a smaller one they shrink with it.
+
+Goals lie on one side and the other by turns, and the interval leaves the ball the time to rest. The
+speed at the start of a window is known where the ball rests, and unknown where it rolls. From rest
+all but a constant of the way a T^2/2 tells an acceleration a, not only what no straight line
+follows: the information is 16 times as much (1/20 - 1/36 over 1/720). So strokes as long as a
+window, each from rest, tell most of friction and level; breakaway shows at each start, and the dead
+time at the speed of a long stroke.
 """
 
 from __future__ import annotations
@@ -66,9 +73,9 @@ class MotionSearch:
     children: int = 2
     rounds: int = 2
     rigs: int = 2
-    intervals_s: tuple[float, float] = (0.6, 2.5)
-    time_constants_s: tuple[float, float] = (0.05, 0.25)
-    reaches: tuple[float, float] = (0.4, 0.9)
+    intervals_s: tuple[float, float] = (2.2, 3.2)
+    time_constants_s: tuple[float, float] = (0.2, 0.35)
+    reaches: tuple[float, float] = (0.6, 0.9)
     change: float = 0.15
     tested_rigs: int = 40
     kept_share: float = 0.95
@@ -97,9 +104,11 @@ class Motion:
 
     @classmethod
     def draw(cls, seconds: float, random: np.random.Generator, how: MotionSearch) -> Motion:
-        """A motion at random for a run of some seconds."""
+        """A motion at random for a run of some seconds: from one side to the other and back."""
         count = int(np.ceil(seconds / how.intervals_s[0]))
-        goals = random.uniform(-1, 1, (count, 2))
+        angles = random.uniform(-np.pi / 2, np.pi / 2, count)
+        sides = (-1.0) ** np.arange(count)
+        goals = sides[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
         ends = (how.intervals_s, how.time_constants_s, how.reaches)
         return cls(goals, *(float(random.uniform(*each)) for each in ends))
 
