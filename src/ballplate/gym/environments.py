@@ -366,7 +366,7 @@ class RigEnv(gymnasium.Env[Array, Array]):
         seen = self.rigs.observation()[0]
         return seen, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture of the plate now: the true ball, the goal and the path; None without a mode."""
         if self.render_mode is None:
             return None
