@@ -38,7 +38,7 @@ WRITTEN = {
     "board-cure.md", "bus-node.md", "can-findings.md", "can-trace.md", "connect.md",
     "controller-fmu.md", "core.md", "course-in-ten-steps.md", "explained.md", "extending.md",
     "fit.md", "from-matlab.md",
-    "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "one-axis.md", "own-rig.md",
+    "glossary.md", "identify.md", "index.md", "installation.md", "labs.md", "law.md", "one-axis.md", "own-rig.md",
     "python.md",
     "rig-in-ten-steps.md", "run.md", "see.md", "simulink.md", "solvers.md", "studies.md",
     "thesis.md", "troubleshooting.md", "tune.md", "tutorial.md", "version-0.1.0.md", "whatif.md",
