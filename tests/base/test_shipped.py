@@ -30,5 +30,5 @@ def test_a_path_that_is_not_there_gets_the_nearest_of_its_folder(path, near, tmp
     if near:
         with pytest.raises(ScenarioError, match="not found" + hint.replace("?", r"\?")):
             find(path)
-        with pytest.raises(RecordError, match="run.parquet" + hint.replace("?", r"\?")):
+        with pytest.raises(RecordError, match="no such run folder" + hint.replace("?", r"\?")):
             read_run(Path(path))

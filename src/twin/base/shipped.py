@@ -107,7 +107,7 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
 
 
 MIN_FILE_LIKENESS = 0.7
-"""Likeness of two names of files, as difflib has it, above which one may be meant by the other:
+"""Likeness of two names without suffix, as difflib has it, from which one may stand for the other:
 names of runs share words, as excite and identify-excite (0.57) or excite and circle (0.5)."""
 MIN_BEGINNING = 3
 """Number of letters from which a name may be the beginning of another."""
@@ -122,7 +122,9 @@ def nearest_neighbour(path: Path) -> str:
         there = sorted(each.name for each in path.parent.iterdir() if each.name[0] != ".")
     longer = [each for each in there if each.startswith(path.name)]
     begun = longer if len(path.name) >= MIN_BEGINNING else []
-    near = begun or get_close_matches(path.name, there, n=1, cutoff=MIN_FILE_LIKENESS)
+    stems = {Path(each).stem: each for each in there}
+    like = get_close_matches(path.stem, stems, n=1, cutoff=MIN_FILE_LIKENESS)
+    near = begun or [stems[stem] for stem in like]
     return f"; did you mean '{path.parent / near[0]}'?" if near else ""
 
 

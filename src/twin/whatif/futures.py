@@ -711,6 +711,7 @@ def moment_of(
 
 
 def _check_branches(scenario: Scenario, at: float, branches: Sequence[tuple[str, ...]]) -> None:
+    at = max(at, 0.0)  # whether the log has this moment is checked where it is read
     for settings in branches:
         branch(scenario, at, at + scenario.rig.period, settings)
 
