@@ -129,6 +129,8 @@ def test_a_picture_shows_the_true_ball_the_goal_and_the_plate_where_they_are():
     assert RigEnv("hold", EXACT).render() is None
     with pytest.raises(TwinError, match="render_mode: must be 'rgb_array' or None, got 'human'"):
         RigEnv("hold", render_mode="human")
+    with pytest.raises(TwinError, match="render_mode: must be None for several rigs"):
+        gymnasium.make_vec("ballplate.gym:ballplate/Track-v0", 2, render_mode="rgb_array")
 
 
 def test_the_goal_is_seen_as_far_ahead_as_is_asked_for():

@@ -189,6 +189,8 @@ def test_of_a_reference_that_the_plate_can_give_nothing_is_said(scenario):
         (0.15, None),
         (15.0, "reference.amplitude: 15 m is beyond rig.limits.area = 0.25, 0.15 m; in 1 s the"),
         ([0.1, 15.0], "reference.amplitude: 0.1, 15 m is beyond rig.limits.area"),
+        ([0.1, 0.2], "reference.amplitude: 0.1, 0.2 m is beyond rig.limits.area"),
+        ([0.2, 0.1], None),
     ],
 )
 def test_a_length_beyond_the_area_is_said_where_the_run_ends_before_it(amplitude, line):

@@ -226,7 +226,7 @@ def test_the_plate_is_looked_at_again_every_20_ms_at_any_period(period, scenario
     ("on", "dead_time", "most"),
     [
         pytest.param("hobby", 0.0, 0.2, marks=pytest.mark.long),
-        pytest.param("hobby", 0.05, 0.2, marks=pytest.mark.long),
+        ("hobby", 0.05, 0.2),
         ("hobby", 0.1, 0.5),
         ("three_legs", 0.1, 0.5),
         pytest.param("three_legs", 0.0, 0.2, marks=pytest.mark.long),

@@ -720,6 +720,19 @@ def test_dead_time_and_lag_of_which_only_the_sum_is_told_are_written_both(alone,
         assert ("sum" in remark) == (alone == NOT_IDENTIFIABLE)
 
 
+def test_a_lag_of_zero_is_written_as_drives_without_one():
+    lag = ParameterVerdict(
+        about=PLAIN_PARAMETERS["lag"], name="lag_x", value=0.0, word=IDENTIFIED_VERDICT
+    )
+    found = AxisIdentification(
+        source="log.csv", seconds=30.0, verdicts=(lag,), scores=(), predictions={},
+        notes=(), extent="", remarks=(), factor=0.6, ball=BallPlate(),
+    )  # fmt: skip
+    lines = found.settings({IDENTIFIED_VERDICT})
+    assert lines["plant.servo.bandwidth_hz"] == "0"
+    assert lines["rig.plate_lag"].startswith("0 ")
+
+
 @pytest.mark.long
 def test_a_camber_that_is_found_is_one_of_the_twin(axis_of, tmp_path):
     found, told = of_axis(axis_of(3, seconds=50, camber=0.35), ("friction", "camber"))

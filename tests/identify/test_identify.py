@@ -92,14 +92,14 @@ def test_what_positions_cannot_show_is_said_with_the_experiment_that_would(found
     assert "motor torque" in spring.why
 
 
-@pytest.mark.parametrize("rig", ["hobby", ""])
-def test_over_a_rigs_file_the_controller_assumes_what_was_found(rig, tmp_path):
+@pytest.mark.parametrize(("rig", "delay"), [("hobby", 0.04), ("hobby", 0.0), ("", 0.04)])
+def test_over_a_rigs_file_the_controller_assumes_what_was_found(rig, delay, tmp_path):
     verdicts = [
         ParameterVerdict(
             about=about, name=name, value=value, low=value, high=value, word="identified"
         )
         for name, about, value in (
-            ("delay", BALL_PARAMETERS["delay"], 0.04),
+            ("delay", BALL_PARAMETERS["delay"], delay),
             ("servo", SERVO_PARAMETER, 2.27),
         )
     ]
@@ -112,8 +112,8 @@ def test_over_a_rigs_file_the_controller_assumes_what_was_found(rig, tmp_path):
         load("cure", each and [f"parameters={each}"])
         for each in (tmp_path / "parameters.toml", rig)
     )
-    assert (twin.sensors.touch.dead_time, twin.plant.servo.bandwidth_hz) == (0.04, 2.27)
-    assumed = (0.04, pytest.approx(1 / (2 * np.pi * 2.27), rel=1e-5))
+    assert (twin.sensors.touch.dead_time, twin.plant.servo.bandwidth_hz) == (delay, 2.27)
+    assumed = (delay, pytest.approx(1 / (2 * np.pi * 2.27), rel=1e-5))
     before = (named.predictor.delay, named.rig.plate_lag)
     assert (twin.predictor.delay, twin.rig.plate_lag) == (assumed if rig else before)
     assert before == ((0.03, 0.06) if rig else (0.042, 0.0))

@@ -318,11 +318,7 @@ KEY = "plant.servo.lugre_stiffness"
         (None, "", MECHANISM, RUN, "TypeError: .*'followed_by'"),
         (IN, "", MECHANISM, RUN, f".*ModelError: {KEY}: .* lacks explain"),
         (OUT, "", MECHANISM, RUN, f".*{KEY}: the mechanism has none$"),
-        # the same check of a scenario, before it runs or is exported
-        pytest.param(
-            *(OUT, "", EQUATIONS, RUN, f".*{KEY}: the exact equations has none$"),
-            marks=pytest.mark.long,
-        ),
+        (OUT, "", EQUATIONS, RUN, f".*{KEY}: the exact equations has none$"),
         pytest.param(
             *(OUT, "", EQUATIONS, EXPORT, f".*{KEY}: the exact equations has none$"),
             marks=pytest.mark.long,

@@ -309,7 +309,8 @@ def picture(size: Dimensions, ball: Array, goal: Array, path: Array) -> NDArray[
     image[on_plate] = PLATE
     image[on_plate & (np.abs(x) <= size.area[0]) & (np.abs(y) <= size.area[1])] = AREA
     for place in path[:: max(1, len(path) // PICTURE_SIDE_PX)]:
-        image[np.maximum(np.abs(x - place[0]), np.abs(y - place[1])) <= PATH_POINT_M] = PATH
+        near_x, near_y = np.abs(x - place[0]), np.abs(y[:, 0] - place[1])
+        image[np.ix_(near_y <= PATH_POINT_M, near_x <= PATH_POINT_M)] = PATH
     for place, radius, colour in ((goal, size.ball / 2, GOAL), (ball, size.ball, BALL)):
         image[np.hypot(x - place[0], y - place[1]) <= max(radius, pixel)] = colour
     return image
@@ -338,7 +339,10 @@ class RigEnv(gymnasium.Env[Array, Array]):
             raise ScenarioError(f"render_mode: must be 'rgb_array' or None, got {render_mode!r}")
         task = Task(*of_task, **more)
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": round(1 / (task.hold * task.period))}
+        self.metadata = {
+            **self.metadata,
+            "render_fps": max(1, round(1 / (task.hold * task.period))),
+        }
         self.observation_space, self.action_space = task.observation_space, task.action_space
         self.rigs = Rigs(task, 1)
 
@@ -396,7 +400,7 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         autoreset_mode: Whether a rig begins its next episode in the step after the end of one, or
             when it is reset; until then it gets nothing.
         threads: Threads of the engine; 0 for one per processor. Bits do not depend on them.
-        render_mode: None are known.
+        render_mode: None; pictures are of one rig, ``RigEnv``.
         more: Those of ``Task`` that are named.
 
     Raises:
@@ -414,6 +418,8 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     ) -> None:
         if num_envs < 1:
             raise TwinError(f"num_envs: must be at least 1, got {num_envs}")
+        if render_mode is not None:
+            raise TwinError(f"render_mode: must be None for several rigs, got {render_mode!r}")
         task = Task(*of_task, **more)
         self.mode = AutoresetMode(autoreset_mode)
         if self.mode is AutoresetMode.SAME_STEP:

@@ -632,7 +632,7 @@ class TwinIdentification(Identification):
             ends = "; ".join("unknown" if each is None else each.interval for each in known_ends)
             values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"
         delay, corner = known.get("delay"), known.get("servo")
-        if self.on and delay and delay.value:
+        if self.on and delay and delay.value is not None:
             values["predictor.delay"] = f"{delay.value:.6g}  # as found"
         if self.on and corner and corner.value:
             values["rig.plate_lag"] = f"{1 / (2 * math.pi * corner.value):.6g}  # of these drives"

@@ -48,7 +48,7 @@ class ForecastConstants:
     """Constants of a forecast.
 
     Attributes:
-        noise_draws: Number of draws of the noise over which intervals are averaged.
+        noise_draws: Number of draws of the noise over whose intervals the median is taken.
         initial_force_m_s2: Unknown force on an uneven screen with which the search for its size
             begins.
         size_iterations: Number of estimates of the sizes of unknown motion.
@@ -80,7 +80,7 @@ def find_information(fit: Fit[TwinProblem]) -> Array:
     return np.asarray(np.einsum("wmi,wmj->ij", slopes, slopes)) + np.diag(fit.problem.known[1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExpectedEstimate(Estimate):
     """Estimates of one fit under several draws of the noise; values and draws are of the first.
 
@@ -88,7 +88,7 @@ class ExpectedEstimate(Estimate):
         each: The estimates.
     """
 
-    each: tuple[Estimate, ...] = ()
+    each: tuple[Estimate, ...]
 
     @property
     def half_width(self) -> Array:

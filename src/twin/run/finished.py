@@ -381,7 +381,8 @@ def beyond_area(scenario: Scenario) -> str | None:
         length = choice.settings.get(name, getattr(cls, name, None))
         pair = length if isinstance(length, list | tuple) else (length,)
         numbers = [each for each in pair if isinstance(each, int | float)]
-        if numbers and max(map(abs, numbers)) > max(area):
+        limits = area if len(numbers) == len(area) else (max(area),) * len(numbers)
+        if any(abs(each) > limit for each, limit in zip(numbers, limits, strict=True)):
             stated = ", ".join(f"{each:g}" for each in numbers)
             return (
                 f"reference.{name}: {stated} m is beyond rig.limits.area = {area[0]:g}, "

@@ -235,10 +235,10 @@ class _Sums:
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
     def misfit(self) -> Array:
-        """By how much what no change explains in each window is too large, at least 1, shape (W,).
+        """Factor on the variance of each window's noise, at least 1, shape (W,).
 
-        Its square by the cause that explains most, in variances of what the windows before it leave
-        unsure, over that which 95 % of windows stay below (chi-square).
+        r' C^-1 r / chi2_0.95, with r the part of a window's score that the windows before it do not
+        predict, and C its covariance under the cause that explains most of it.
         """
         at = np.arange(len(self._A) - 1)
         first = np.maximum(at - self._learning_windows, 0)

@@ -24,7 +24,6 @@ from twin.run.finished import Run
 from twin.run.metrics import Ending
 from twin.run.together import run_together, work_in_batches
 from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
-from twin.view.summary import MIN_TURNING_RAD, total_turning
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""
@@ -115,8 +114,6 @@ def without(scenario: Scenario, effects: Iterable[Effect]) -> Scenario:
 
 MIN_EVALUATED_S = 4.0
 """Evaluated time in s below which the beginning of a run decides its error."""
-MIN_TURN_RAD = 0.1
-"""Turning of a reference in rad above which it goes round; along a line it does not."""
 ALL, NONE = "all", "none"
 """Names of the cases that belong to no effect."""
 
@@ -130,14 +127,12 @@ class EffectCase:
         error: Reference minus ball in m after ``metrics.start``, shape (K, 2).
         percent: e_tt of (C.7) in %; None for a reference that rests at 0, or a run cut short.
         rms: Root mean square of the distance from the reference in m; None for a run cut short.
-        turned: Turning of the reference's direction in that time, rad.
     """
 
     outcome: str
     error: Array
     percent: float | None = None
     rms: float | None = None
-    turned: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,10 +181,9 @@ class Explanation:
     @property
     def too_short(self) -> str:
         """Why the shares mean nothing yet, and from when on they do; empty if they do."""
-        evaluated, turned = self.scenario.duration - self.scenario.metrics.start, self.whole.turned
-        least = MIN_EVALUATED_S
-        if MIN_TURN_RAD < turned < MIN_TURNING_RAD:
-            least = max(least, evaluated * 2 * np.pi / turned)
+        evaluated, least = self.scenario.duration - self.scenario.metrics.start, MIN_EVALUATED_S
+        if self.scenario.reference.kind == "circle":
+            least = max(least, 2 * np.pi / abs(self.scenario.reference.omega))  # once round
         if evaluated >= least:
             return ""
         short = f"{evaluated:.3g} s are evaluated (duration less metrics.start)"
@@ -262,8 +256,7 @@ def attempt(scenarios: Sequence[Scenario]) -> list[EffectCase]:
 
 def _case_of(scenario: Scenario, done: Run) -> EffectCase:
     """The case of a run."""
-    evaluated = done.motion.time >= scenario.metrics.start - 1e-9
-    error = done.motion.error[evaluated]
+    error = done.motion.error[done.motion.time >= scenario.metrics.start - 1e-9]
     whole = done.outcome == Ending.FINISHED
     reason = f": {done.metrics['reason']}" if done.metrics["reason"] else ""
     when = "" if whole else f" at {done.metrics['outcome_time']:.1f} s{reason}"
@@ -272,7 +265,6 @@ def _case_of(scenario: Scenario, done: Run) -> EffectCase:
         error=error,
         percent=done.metrics["tracking_error_percent"] if whole else None,
         rms=float(np.sqrt((error**2).sum(axis=1).mean())) if whole else None,
-        turned=total_turning(done.motion.reference[evaluated]),
     )
 
 
