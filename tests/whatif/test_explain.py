@@ -221,9 +221,9 @@ def test_errors_divide_by_their_squares_and_in_halves_where_effects_only_act_tog
 @pytest.mark.parametrize(
     ("kind", "duration", "start", "words"),
     [
-        ("circle", 3.0, 1.2, "1.8 s are evaluated .* from 6.28 s on"),
+        ("circle", 3.0, 1.2, "1.8 s, from metrics.start = 1.2 s on; .* at least 6.28 s"),
         ("circle", 25.0, 10.0, ""),
-        ("sine", 3.0, 1.0, "2 s are evaluated .* from 4 s on"),
+        ("sine", 3.0, 1.0, "2 s, from metrics.start = 1 s on; .* at least 4 s"),
         ("sine", 5.0, 0.0, ""),
     ],
 )

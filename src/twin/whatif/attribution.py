@@ -186,8 +186,11 @@ class Explanation:
             least = max(least, 2 * np.pi / abs(self.scenario.reference.omega))  # once round
         if evaluated >= least:
             return ""
-        short = f"{evaluated:.3g} s are evaluated (duration less metrics.start)"
-        return f"too short to evaluate: {short}; shares mean something from {least:.3g} s on"
+        begin = self.scenario.metrics.start
+        return (
+            f"too short to evaluate: {evaluated:.3g} s, from metrics.start = {begin:.3g} s on; "
+            f"shares need at least {least:.3g} s, so a longer duration"
+        )
 
     def size(self, case: EffectCase) -> float:
         """The error of a case in % or mm; NaN for a run cut short."""
