@@ -10,9 +10,10 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
+from twin.base.errors import LogError
 from twin.identify.least_squares import Estimate, Fit, Linearisation, estimate, fit_starts
 from twin.identify.parameters import SERVO_PARAMETER
-from twin.identify.plate_motion import Drives, fit_drives, servo_response
+from twin.identify.plate_motion import Drives, check_motion, fit_drives, servo_response
 from twin.identify.prepare import SPEED_INTERVAL_S, PreparedLog, Segment, paces, rests, speed
 from twin.identify.report import parameters, sentences
 from twin.identify.twin_model import (
@@ -114,6 +115,50 @@ def test_of_drives_of_another_kind_the_interval_of_the_lag_is_wide_and_holds_the
     found = fit_drives(driven(Hysteresis(np.radians([[0.3]]))))
     assert found.lag == pytest.approx(LAG, abs=found.half_width)
     assert _assess_servo(found).word != IDENTIFIED_VERDICT
+
+
+def stroked(slopes, signs=(1, 1), strokes=8):
+    """A log of strokes from side to side, with rests, on a screen of such slopes along x and y.
+
+    The way of each, and the tilt that makes it against friction and slope, are in closed form.
+    """
+    model, period, lasts, pause, dead_time = BallPlate(), 0.005, 2.4, 0.3, 0.04
+    part = np.arange(0, lasts, period)[:, None] / lasts
+    ends = np.array((0.08, 0.05))
+    way = ends * (part**3 * (10 - 15 * part + 6 * part**2) - 0.5)
+    push = ends * (60 * part - 180 * part**2 + 120 * part**3) / lasts**2
+    friction = 0.1 * ends / np.hypot(*ends)
+    rest, places, tilts = np.ones((round(pause / period), 1)), [], []
+    for side in (1, -1) * (strokes // 2):
+        places += [side * way, side * way[-1] * rest]
+        tilts += [side * (push + friction), side * friction * rest]
+    tilt = np.arcsin((np.concatenate(tilts) + model.k1 * np.sin(np.radians(slopes))) / model.k1)
+    ball = np.concatenate(places) - model.c2 * tilt
+    ball += 5e-5 * np.random.default_rng(3).standard_normal(ball.shape)
+    time = period * np.arange(len(ball))
+    segment = Segment(time, tilt * (1, -1) * signs, None, time + dead_time, ball)
+    return PreparedLog(
+        source="strokes", segments=(segment,), sigma=np.full(2, 5e-5), model=model, own_lag=0.0,
+        grips=(0.0,),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.4, -0.6), (-0.8, 0.8)])
+def test_a_ball_that_its_tilt_holds_against_friction_and_slope_is_not_called_wrong(slopes):
+    check_motion(stroked(slopes))
+
+
+@pytest.mark.parametrize(
+    ("signs", "says"),
+    [
+        ((-1, 1), "measured_x accelerates -[0-9.]+ times as much as measured_phi"),
+        ((1, -1), "measured_y accelerates -[0-9.]+ times as much as measured_theta"),
+        ((1, 10), "measured_y accelerates [0-9.]+ times as much as measured_theta"),
+    ],
+)
+def test_a_wrong_sign_or_unit_is_found_on_a_slope_too(signs, says):
+    with pytest.raises(LogError, match=says):
+        check_motion(stroked((0.4, -0.6), signs))
 
 
 def test_an_interval_holds_what_unexplained_motion_may_have_moved_its_parameter_by():

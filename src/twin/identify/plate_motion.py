@@ -30,6 +30,11 @@ PLAY_GUESSES_RAD = np.radians((0.0, 0.03, 0.1, 0.3))
 """Play in rad from which a fit of the drives begins."""
 MAX_DRIVE_STEPS = 8
 """Steps of such a fit."""
+MIN_TILT_WAY_M2_S = 1e-6
+"""Squared way that tilts made, beyond x0 and v0, over time, below which they tell nothing."""
+MAX_GAIN_STD = 0.1
+"""Standard deviation that the noise of the screen alone gives the ball's acceleration over what the
+plate's angles explain, above which it is not known."""
 
 
 class Drives(NamedTuple):
@@ -280,16 +285,17 @@ def _pieces(values: Array, rows: int) -> Array:
 def _gains(log: PreparedLog) -> Iterator[float | None]:
     """Acceleration of the ball over what the plate's angles explain, while it rolls, by axis.
 
-    The integral form of the level model: x = x0 + v0 t + gain (k1 phi'' - b phi) - friction.
+    The integral form of the level model, x = x0 + v0 t + gain (k1 phi'' - b phi) - friction + level
+    - dead time k1 phi', in pieces with an x0 and v0 each; two and one primes for integrals. A ball
+    that rolls steadily is held by its tilt against friction and level: only what these and the dead
+    time leave of the tilt tells the gain. None where that is less than the screen shows.
     """
     model, period, rows = log.model, log.period, round(1.0 / log.period)
 
-    def twice_integrated(values: Array) -> Array:
-        for _ in range(2):
-            values = cumulative_trapezoid(values, dx=period, axis=-2, initial=0)
-        return values
+    def integrate(values: Array) -> Array:
+        return np.asarray(cumulative_trapezoid(values, dx=period, axis=-2, initial=0))
 
-    products = np.zeros((2, 3, 3))
+    products = np.zeros((2, 5, 5))
     for segment in log.segments:
         ball = segment.even_ball
         velocity = uniform_filter1d(np.gradient(ball, period, axis=0), 25, axis=0, mode="constant")
@@ -302,12 +308,17 @@ def _gains(log: PreparedLog) -> Iterator[float | None]:
             continue
         every = _pieces(np.stack((segment.plate * (1, -1), way, ball)), rows)
         angle, way, ball = every[:, rolls.all(axis=1)]
-        tilt = model.k1 * twice_integrated(np.sin(angle)) - model.c2 * angle
-        columns = detrend(np.stack((tilt, twice_integrated(way), ball)), axis=-2)
+        gained = integrate(model.k1 * np.sin(angle))
+        tilt = integrate(gained) - model.c2 * angle
+        braked, level = (integrate(integrate(each)) for each in (way, np.ones_like(way)))
+        columns = detrend(np.stack((braked, level, gained, tilt, ball)), axis=-2)
         products += np.einsum("iwra,jwra->aij", columns, columns)
-    for normal, right in zip(products[:, :2, :2], products[:, :2, 2], strict=True):
-        vague = normal[0, 0] * period < 1e-6 or np.linalg.cond(normal) > 1e8
-        yield None if vague else float(np.linalg.solve(normal, right)[0])
+    for each, sigma in zip(products, log.sigma, strict=True):
+        others = np.linalg.lstsq(each[:3, :3], each[:3, 3:], rcond=1e-9)[0]
+        left, shown = each[3, 3:] - each[3, :3] @ others
+        noise = float(sigma) ** 2 * log.sample_period / period
+        vague = each[3, 3] * period < MIN_TILT_WAY_M2_S or noise > MAX_GAIN_STD**2 * left
+        yield None if vague else float(shown / left)
 
 
 PLAY_SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
