@@ -215,7 +215,13 @@ def tables(plan: Mapping[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Simulate what is not kept, then write the page."""
     plan = planned("cyberrunner")
-    text = filled("cyberrunner", plan=plan, record=RECORD, said=said, **tables(plan))
+    family = read_family(plan["family"]).parameters
+
+    def between(key: str) -> str:
+        return "{:g} to {:g}".format(*family[key].uniform)
+
+    words = {"said": said, "between": between, "record": RECORD}
+    text = filled("cyberrunner", plan=plan, **words, **tables(plan))
     write(HERE / "cyberrunner.md", text)
 
 
