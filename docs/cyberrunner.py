@@ -7,10 +7,8 @@ Finished runs are kept in runs/cyberrunner and used again while code and scenari
 from __future__ import annotations
 
 import inspect
-import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from operator import itemgetter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
@@ -23,7 +21,7 @@ from docs.pages import HERE, driven, filled, kept, planned, said, write
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion
 from twin.scenario.schema import Scenario
-from twin.study.compiled import LANES, CompiledRig, compiled_runs, surface_of
+from twin.study.compiled import CompiledRig, compiled_runs, surface_of
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, c_code, code, controller_key, digest
 
@@ -59,14 +57,10 @@ def scenarios(
     return found
 
 
-def motions_of(runs: Sequence[Scenario]) -> Iterator[Motion | None]:
-    """Motions of rigs in compiled code, each until the next is asked for; None of a lost ball."""
-    rigs = (CompiledRig(each, surface_of(each)) for each in runs)
-    loops = ((compiled_runs(rig, controller_key(rig.scenario)), rig) for rig in rigs)
-    for loop, alike in itertools.groupby(loops, key=itemgetter(0)):
-        beside = [rig for _, rig in alike]
-        for first in range(0, len(beside), LANES):
-            yield from loop.run(beside[first : first + LANES])
+def motion_of(scenario: Scenario) -> Motion | None:
+    """The motion of a rig in compiled code; None if the ball was lost."""
+    rig = CompiledRig(scenario, surface_of(scenario))
+    return compiled_runs(rig, controller_key(scenario)).run([rig])[0]
 
 
 def errors(motion: Motion | None, during: Mask | None, path: Array | None) -> dict[str, Any]:
@@ -93,7 +87,8 @@ def errors(motion: Motion | None, during: Mask | None, path: Array | None) -> di
 def followed(runs: Sequence[Scenario], shape: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """How far the balls were from a shape in the laps, a list for each lap."""
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in LAPS}
-    for motion in motions_of(runs):
+    for scenario in runs:
+        motion = motion_of(scenario)
         for name, before in LAPS.items():
             if motion is None:
                 found[name].append(errors(None, None, None))
@@ -107,7 +102,8 @@ def followed(runs: Sequence[Scenario], shape: Mapping[str, Any]) -> dict[str, li
 def held(runs: Sequence[Scenario], after: float) -> list[dict[str, Any]]:
     """How far the balls were from the middle after a time in s."""
     found = []
-    for motion in motions_of(runs):
+    for scenario in runs:
+        motion = motion_of(scenario)
         during = None if motion is None else motion.time >= after
         found.append(errors(motion, during, np.zeros((1, 2))))
     return found
@@ -116,7 +112,7 @@ def held(runs: Sequence[Scenario], after: float) -> list[dict[str, Any]]:
 def known(name: str, runs: Sequence[Scenario], make: Any, *how: Any) -> Any:
     """What is kept of runs, else what is made of them."""
     about = "".join(each.model_dump_json() for each in runs)
-    own = " ".join(map(inspect.getsource, (make, motions_of, errors, driven)))
+    own = " ".join(map(inspect.getsource, (make, motion_of, errors, driven)))
     key = digest(f"{code()} {c_code()} {own} {name} {LAPS} {EVERY} {json.dumps(how)} {about}")
     return kept("cyberrunner", key, lambda: make(runs, *how))
 
@@ -173,7 +169,7 @@ def tables(plan: Mapping[str, Any]) -> dict[str, Any]:
     hold, shapes = plan["hold"], plan["shapes"]
     rigs = drawn(plan, plan["draw"], plan["count"])
     laws = [with_gains(plan, law) for law in plan["laws"]]
-    found: dict[str, Any] = {"laws": laws, "shapes": [], "hold": [], "causes": [], "held": []}
+    found: dict[str, Any] = {"laws": laws, "shapes": [], "hold": [], "causes": []}
 
     def timed(seconds: float) -> str:
         return f"duration={seconds:.2f}"
@@ -187,17 +183,14 @@ def tables(plan: Mapping[str, Any]) -> dict[str, Any]:
                 (shape["name"], lap, *row(law["name"], rows[lap], RECORD["median"])) for lap in LAPS
             ]
             click.echo(f"{shape['name']}: {law['name']}")
-
-    def hold_row(name: str, law: Mapping[str, Any], keys: Sequence[str]) -> tuple[str, ...]:
-        more = [*hold["set"], *law.get("hold", []), timed(hold["seconds"]), *keys]
+    for law in laws:
+        more = [*hold["set"], *law.get("hold", []), timed(hold["seconds"])]
         runs = scenarios(plan, law, more, rigs[: plan["holds"]])
-        click.echo(f"hold: {name}")
-        return row(name, known("hold", runs, held, hold["from"]), RECORD["hold"])
-
-    found["hold"] = [hold_row(law["name"], law, []) for law in laws]
-    found["cured"] = {each[0]: each for each in found["hold"]}
+        rows = known("hold", runs, held, hold["from"])
+        found["hold"].append(row(law["name"], rows, RECORD["hold"]))
+        click.echo(f"hold: {law['name']}")
+    found["cured"] = next(each for each in found["hold"] if each[0] == CURE)
     cure, few = next(law for law in laws if law["name"] == CURE), rigs[: plan["again"]]
-    found["held"] = [hold_row(cause, cure, plan["causes"][cause]) for cause in hold["causes"]]
     lap = timed(shapes[0]["start"] + (1 + max(LAPS.values())) * shapes[0]["lap"])
     for cause, keys in plan["causes"].items():
         turning = [*shapes[0]["set"], lap, *keys]

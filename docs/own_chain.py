@@ -1,30 +1,23 @@
-"""Makes own_chain.md: whether excite, identify and the cure work on rigs that nobody has tried.
+"""Makes own_chain.md: the first excitation and the cure on rigs that nobody has tried.
 
-uv run python docs/own_chain.py                          # 50 drawn rigs: half an hour of a core
-uv run python docs/own_chain.py --rigs 1 --identified 1  # of each kind
-Runs are in C (``twin.study.compiled``), logs for identify in Python. Finished ones are kept in
-runs/own_chain and used again while scenarios and code stay the same.
+uv run python docs/own_chain.py            # 50 drawn rigs
+uv run python docs/own_chain.py --rigs 1   # one of each kind
+Runs are in C (``twin.study.compiled``). Finished ones are kept in runs/own_chain and used again
+while scenarios and code stay the same.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
 from docs.cure_family import quantile
 from docs.pages import HERE, clopper_pearson, filled, kept, said, write
-from twin.base.errors import TwinError
-from twin.identify.parameters import DEFAULT_PARAMETERS
-from twin.identify.twin_model import identify_twin
-from twin.identify.verdicts import IDENTIFIED_VERDICT
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow.belief import logs
 from twin.study.compiled import carry_out_compiled
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, ScenarioRuns, c_code, code, digest
@@ -42,7 +35,7 @@ FAMILY, DRAW, RIGS = "own", 6509, 10
 FIXED = ("baseline=false", "plant.kind=lagrange")
 """Set in every run: the exact equations."""
 EXCITED_S = 40.0
-"""Length of the log in s."""
+"""Length of the excitation in s."""
 GOAL_PERCENT = 3.0
 """Largest tracking error of the cure that counts as working, %."""
 
@@ -73,10 +66,9 @@ def drawn(kind: str, count: int) -> list[Rig]:
     return found
 
 
-def scenario_of(name: str, rig: Rig, *more: str, true: bool = True) -> Scenario:
-    """A scenario on a rig, or on what its owner takes it for."""
-    truth = rig.truth if true else ()
-    return at_study_step(load(name, [*rig.known, *FIXED, *more, *truth]))
+def scenario_of(name: str, rig: Rig, *more: str) -> Scenario:
+    """A scenario on a rig, with what its owner knows of it."""
+    return at_study_step(load(name, [*rig.known, *FIXED, *more, *rig.truth]))
 
 
 def known(runs: Sequence[Scenario]) -> list[dict[str, Any]]:
@@ -94,27 +86,6 @@ def simulated(runs: Sequence[Scenario]) -> list[dict[str, Any]]:
     ]
 
 
-def identified(rig: Rig) -> dict[str, Any]:
-    """What `ballplate identify` finds of a rig, by names, or why it refuses: as kept or found."""
-    pair = [
-        scenario_of("excite", rig, f"duration={EXCITED_S}", true=true) for true in (False, True)
-    ]
-    sources = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
-    how = " ".join(each.read_text(encoding="utf-8") for each in sources)
-    key = digest(f"{code()} {how} {pair[0].model_dump_json()} {pair[1].model_dump_json()}")
-    return kept("own_chain", key, lambda: verdicts((pair[0], pair[1])))
-
-
-def verdicts(pair: tuple[Scenario, Scenario]) -> dict[str, Any]:
-    """The same, of what the owner believes and what is true; in JSON."""
-    try:
-        found = identify_twin(logs([pair])[0], DEFAULT_PARAMETERS)
-    except TwinError as error:
-        return {"names": [], "why": str(error)}
-    names = [each.name for each in found.verdicts if each.word == IDENTIFIED_VERDICT]
-    return {"names": names, "why": ""}
-
-
 class Found(NamedTuple):
     """Results of the rigs of a kind."""
 
@@ -122,22 +93,15 @@ class Found(NamedTuple):
     """Rigs that kept the ball in `excite`."""
     errors: list[float | None]
     """Tracking error of the cure in %; None for a ball that was lost."""
-    names: list[list[str]]
-    """Parameters that were identified, of the rigs that were tried."""
 
     @property
     def cured(self) -> int:
         """Rigs on which the cure works."""
         return sum(each is not None and each <= GOAL_PERCENT for each in self.errors)
 
-    @property
-    def shown(self) -> int:
-        """Rigs of which `identify` finds something."""
-        return sum(map(bool, self.names))
 
-
-def found_of(rigs: Sequence[Rig], count: int) -> Found:
-    """The chain on rigs of a kind, `identify` on the first few."""
+def found_of(rigs: Sequence[Rig]) -> Found:
+    """The first excitation and the cure on rigs of a kind."""
     excited = known([scenario_of("excite", each, f"duration={EXCITED_S}") for each in rigs])
     for each, row in zip(rigs, excited, strict=True):
         if row["outcome"] != "finished":
@@ -145,8 +109,7 @@ def found_of(rigs: Sequence[Rig], count: int) -> Found:
     errors = [
         row["tracking_error_percent"] for row in known([scenario_of("cure", each) for each in rigs])
     ]
-    names = [identified(each)["names"] for each in rigs[:count]]
-    return Found(sum(row["outcome"] == "finished" for row in excited), errors, names)
+    return Found(sum(row["outcome"] == "finished" for row in excited), errors)
 
 
 def share(hits: int, count: int) -> str:
@@ -157,14 +120,13 @@ def share(hits: int, count: int) -> str:
 
 @click.command()
 @click.option("--rigs", type=click.IntRange(min=1), default=RIGS, show_default=True)
-@click.option("--identified", "count", type=click.IntRange(min=0), default=RIGS, show_default=True)
 @click.option("--only", type=click.Choice(list(KINDS.values())), help="One kind, without the page.")
-def main(rigs: int, count: int, only: str | None) -> None:
-    """Carry out excite, identify and the cure on drawn rigs, then write the page."""
+def main(rigs: int, only: str | None) -> None:
+    """Carry out excite and the cure on drawn rigs, then write the page."""
     table = {}
     for kind, name in KINDS.items():
         if only in (None, name):
-            table[name] = found_of(drawn(kind, rigs), min(count, rigs))
+            table[name] = found_of(drawn(kind, rigs))
             click.echo(f"{name}: {table[name]}")
     if only is None:
         parts = {"table": table, "quantile": quantile, "said": said, "share": share}
