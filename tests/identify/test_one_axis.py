@@ -100,7 +100,9 @@ def test_a_ball_at_a_wall_is_left_out(short):
     inner = float(np.quantile(np.abs(log.ball[:, 0]), 0.9))
     walled = Log(**{**vars(log), "walls": Reach((inner, np.inf))})
     usable = prepare(walled)
-    assert any(note.startswith("ball at a wall") for note in usable.notes)
+    assert usable.wall_note.startswith("ball at a wall")
+    assert usable.wall_note in usable.notes
+    assert not prepare(log).wall_note
     at = np.concatenate([segment.time for segment in usable.segments])
     kept = np.abs(log.ball[np.isin(log.time.round(6), at.round(6)), 0])
     assert kept.max() < inner - WALL_MARGIN_M

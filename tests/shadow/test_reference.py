@@ -2,6 +2,7 @@
 
 import json
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,12 +10,21 @@ import numpy as np
 import pytest
 
 import ballplate as bp
+from controllers.ballplate import BallPlate
 from docs.identify_errors import STEP_S, Rig, simulate_log
 from tests.plugins.axis_identified import axis_identification
 from twin.cli import main
+from twin.identify.logs import read_any
 from twin.identify.parameters import plain_parameter
+from twin.identify.report import parameters
 from twin.identify.verdicts import ParameterVerdict
-from twin.shadow.reference import Reference, _with_shown_ball, _with_shown_lever
+from twin.scenario.load import load
+from twin.shadow.reference import (
+    Reference,
+    _with_shown_ball,
+    _with_shown_lever,
+    examine_by_reference,
+)
 
 RIG = ("plant.friction.rolling_mm=0.23", "plant.level_deg=[0.2, -0.1]", "plant.step=0.002")
 """A rig that differs from the usual one."""
@@ -94,27 +104,58 @@ def test_end_stops_that_nobody_stated_raise_no_alarm(tmp_path, monkeypatch, caps
     assert first["causes"][0]["name"] == "level"
 
 
+ALONE = 0.02 * 5 / 3
+"""Lever in m of the thesis's ball at the axis: radius + J / (m r) of a hollow one."""
+
+
+def with_levers(*intervals):
+    """What is made of intervals of the levers along x and y."""
+    about = plain_parameter("lever", "rad")
+    levers = [
+        ParameterVerdict(
+            about=about, name=f"lever_{axis}", low=low, high=high, word="not identifiable"
+        )
+        for axis, (low, high) in zip("xy", intervals, strict=False)
+    ]
+    return _with_shown_lever(axis_identification(*levers))
+
+
 @pytest.mark.parametrize(
-    ("low", "high", "height", "radius"),
+    ("intervals", "height", "said"),
     [
-        (0.1, 0.2, None, 0.02),  # that of the thesis's rig is among these
-        (0.05, 0.07, 0.06 - 0.02 * 5 / 3, 0.02),
-        (0.02, 0.03, 0.0, 0.025 * 3 / 5),
-        (-0.01, 0.01, 0.0, 0.002),
-        (None, None, None, 0.02),
+        ([(0.1, 0.2)], None, ""),  # that of the thesis's rig is among these
+        ([(None, None)], None, ""),
+        ([(0.05, 0.07)], 0.06 - ALONE, "from the lever of 0.06 m"),
+        ([(0.02, 0.03)], 0.0, "the nearest"),
+        ([(-0.01, 0.01)], 0.0, "the nearest"),
+        ([(0.7, 0.9)], 0.5, "the nearest"),
+        ([(0.05, 0.06), (-0.3, 0.9)], 0.055 - ALONE, "from the lever of 0.055 m"),
+        ([(-0.3, 0.9), (0.05, 0.06)], 0.055 - ALONE, "from the lever of 0.055 m"),
+        ([(0.05, 0.08), (0.07, 0.1)], 0.075 - ALONE, "from the lever of 0.075 m"),
+        # 0.055 +- 0.005 and 0.25 +- 0.05 m contradict each other: (100 * 0.055 + 0.25) / 101
+        ([(0.05, 0.06), (0.2, 0.3)], 5.75 / 101 - ALONE, "the levers of the axes differ"),
     ],
 )
-def test_a_reference_shows_how_high_the_ball_is(low, high, height, radius):
+def test_a_reference_shows_how_high_the_ball_is(intervals, height, said):
     """The lever of a ball that rolls: height + radius + J / (m r), here height + 5/3 radius."""
-    about = plain_parameter("lever", "rad")
-    unknown = ParameterVerdict(
-        about=about, name="lever_x", value=None, low=low, high=high, word="not identifiable"
-    )
-    found, shown = _with_shown_lever(axis_identification(unknown))
-    assert shown == (None if height is None else pytest.approx(height, abs=1e-9))
-    assert found.ball.radius == pytest.approx(radius)
-    overrides = Reference(found, None, height=shown).overrides
-    assert any("plant.plate.height" in each for each in overrides) == (height is not None)
+    found = with_levers(*intervals)
+    assert found.ball == BallPlate()
+    assert found.height == (None if height is None else pytest.approx(height, abs=1e-9))
+    assert said in " ".join(found.notes)
+    assert len(found.notes) == (height is not None)
+
+
+def test_the_height_is_written_with_the_other_parameters(tmp_path):
+    """So that a file that is named later gives the same twin."""
+    file = tmp_path / "parameters.toml"
+    found = with_levers((0.05, 0.06))
+    file.write_text(parameters(found))
+    reference = Reference(found, file, assumed=found.notes)
+    assert reference.overrides == (f"parameters={file}",)
+    assert "plant.plate.height is taken as 0.0217 m" in reference.describe()
+    plant = load("hold", reference.overrides).plant
+    assert plant.plate.height == pytest.approx(0.055 - ALONE, abs=1e-6)
+    assert plant.ball.radius == 0.02
 
 
 def test_walls_of_a_reference_are_told():
@@ -145,12 +186,51 @@ def test_a_mistake_is_one_line(line, tmp_path, monkeypatch, capsys):
 
 
 COLUMNS = "--columns time=t,measured_x=X,measured_phi=p"
+
+
+def write_logs(folder):
+    """Logs first.csv and well.csv with a ball that a plate moves."""
+    time = np.arange(0.0, 12.0, 0.02)
+    rows = np.column_stack((time, 0.03 * np.sin(2 * time), -0.02 * np.sin(2 * time)))
+    for name in ("first", "well"):
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="t,X,p", comments="")
+    return rows
+
+
+def test_every_log_is_read_once(tmp_path, monkeypatch):
+    write_logs(tmp_path)
+    files, done = [], []
+    for module in ("reference", "report"):
+        monkeypatch.setattr(
+            f"twin.shadow.{module}.read_any",
+            lambda file, *more: files.append(file.name) or read_any(file, *more),
+        )
+    monkeypatch.setattr("twin.shadow.reference.learn_reference", lambda log, *_, **__: (
+        done.append(log.source) or Reference(None, Path("p.toml"))
+    ))  # fmt: skip
+    monkeypatch.setattr("twin.shadow.reference.examine_log", lambda log, folder, how, **_: (
+        done.append(log.source) or (folder, how)
+    ))  # fmt: skip
+    _, found = examine_by_reference(
+        tmp_path / "first.csv",
+        tmp_path,
+        {tmp_path / "well.csv": tmp_path / "well"},
+        ("parameters=tube", "plant.camber=[0.0, 0.0]"),
+        columns=COLUMNS.split()[1],
+        stage=lambda _: nullcontext(print),
+    )
+    assert files == ["first.csv", "well.csv"]
+    assert [name.removesuffix(".csv") for name in done] == ["first", "well"]
+    overrides = ("parameters=p.toml", "plant.camber=[0.0, 0.0]")
+    assert found == {"well": (tmp_path / "well", overrides)}
+
+
 EARLY_MISTAKES = {
     f"{COLUMNS} --ball rubber": "--ball rubber: give hollow (3/5), solid",
     f"{COLUMNS}:furlong": "--columns: measured_phi: unit 'furlong'; known",
     "--columns time=t,measured_x=X,measured_phi=q": "first.csv: measured_phi: no column q",
     f"broken.csv {COLUMNS}": "broken.csv: measured_x: no column X",
-    f"{COLUMNS} --on nowhere": "",
+    f"{COLUMNS} --on nowhere": "rig 'nowhere': not found",
     f"{COLUMNS} --set plant.nonsense=1": "the twin: plant.nonsense: unknown key",
 }
 
@@ -159,10 +239,7 @@ EARLY_MISTAKES = {
 def test_a_mistake_is_told_before_anything_is_identified(more, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("twin.shadow.reference.identify_axes", None)
-    time = np.arange(0.0, 12.0, 0.02)
-    rows = np.column_stack((time, 0.03 * np.sin(2 * time), -0.02 * np.sin(2 * time)))
-    for name in ("first", "well"):
-        np.savetxt(f"{name}.csv", rows, delimiter=",", header="t,X,p", comments="")
+    rows = write_logs(tmp_path)
     np.savetxt("broken.csv", rows[:, ::2], delimiter=",", header="t,p", comments="")
     code, told = ended(f"shadow well.csv --reference first.csv {more}", capsys)
     assert code == 2

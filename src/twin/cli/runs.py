@@ -167,8 +167,8 @@ def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
     from twin.shadow.report import examine
 
     try:
-        with TERMINAL.progress("the twin on the whole run", 1.0) as advance:
-            return examine(folder, folder, learning=learning, progress=advance)
+        with TERMINAL.progress("the twin on the whole run", 1.0):
+            return examine(folder, folder, learning=learning)
     except LogError as error:
         TERMINAL.warn(f"{error}; the run itself is in {folder}/")
         return None

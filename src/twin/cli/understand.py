@@ -299,8 +299,8 @@ def shadow(
         raise ScenarioError(f"{same}: two logs have the same name; rename one")
     first = None if reference is None else log_file(reference)
     _check_columns([*([first] if first else ()), *files], how)
-    from twin.shadow.reference import check_reference, learn_reference
-    from twin.shadow.report import WRITTEN_FILES, examine, read_watched, sentences
+    from twin.shadow.reference import examine_by_reference
+    from twin.shadow.report import WRITTEN_FILES, examine, sentences
 
     def folder_of(file: Path, name: str) -> Path:
         if out is not None:
@@ -308,35 +308,19 @@ def shadow(
         return check_writable(file.parent if is_record(file) else RUNS_FOLDER / f"shadow-{name}")
 
     folders = [folder_of(*each) for each in zip(files, names, strict=True)]
-    learned = None
-    if first is not None:
-        named = run_name(first)
-        folder = check_writable((out or RUNS_FOLDER) / f"identify-{named}")
-        rigs = [text for text in overrides if text.partition("=")[0].strip() == "parameters"]
-        overrides = tuple(text for text in overrides if text not in rigs)
-        on = "".join(text.partition("=")[2].strip() for text in rigs)
-        check_reference(first, on, how["columns"], how["separator"])
-        for file in files:  # before the reference is identified, which takes long
-            read_watched(file, (*rigs, *overrides), **how)
-        with progress(f"identifying from {named}", 1.0) as advance:
-            learned = learn_reference(first, folder, on=on, progress=advance, **how)
-        overrides = (*learned.overrides, *overrides)
-    found = {}
-    for file, name, folder in zip(files, names, folders, strict=True):
-        with progress(f"the twin of {name}", 1.0) as advance:
-            found[name] = examine(
-                file,
-                folder,
-                overrides,
-                learning=learn or learned is not None,
-                ends=learned.ends if learned else (),
-                progress=advance,
-                **how,
-            )
-    if learned is None:
-        ((_, one),) = found.items()
+    if first is None:
+        with progress(f"the twin of {names[0]}", 1.0):
+            one = examine(files[0], folders[0], overrides, learning=learn, **how)
         show(one.as_dict(), sentences(one), folders[0], WRITTEN_FILES)
         return int(bool(one.alarms))
+    learned, found = examine_by_reference(
+        first,
+        check_writable((out or RUNS_FOLDER) / f"identify-{run_name(first)}"),
+        dict(zip(files, folders, strict=True)),
+        overrides,
+        stage=lambda what: progress(what, 1.0),
+        **how,
+    )
     numbers = {"reference": learned.as_dict(), "logs": {n: f.as_dict() for n, f in found.items()}}
     shown: list[Shown] = [learned.describe()]
     for (name, each), folder in zip(found.items(), folders, strict=True):

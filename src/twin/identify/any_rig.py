@@ -130,10 +130,13 @@ class AxisIdentification(Identification):
     Attributes:
         factor: Share of gravity that accelerates the ball.
         ball: The ball of the rig; its radius scales the friction.
+        height: Of the plate's surface above its axes, m, where it is taken from the levers that the
+            log shows; None for that of the rig, or the one that was given.
     """
 
     factor: float
     ball: BallPlate
+    height: float | None = None
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys and their values in TOML, of the parameters with one of these verdicts.
@@ -155,9 +158,11 @@ class AxisIdentification(Identification):
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
         lines |= self.over
         given = [each.value or 0.0 for each in self.verdicts if each.word == GIVEN_VERDICT]
-        height = float(np.mean(given)) - ball.radius / self.factor if given else -1.0
-        if height >= 0:  # laws take no surface below the axes
-            lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as given"
+        height, how = self.height, "as the log shows it"
+        if given:
+            height, how = float(np.mean(given)) - ball.radius / self.factor, "as given"
+        if height is not None and height >= 0:  # laws take no surface below the axes
+            lines["plant.plate.height"] = f"{height:.6g}  # of the surface, {how}"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS.items()]

@@ -146,8 +146,6 @@ MIN_SEGMENT_S = 2.5
 """Segments shorter than this time in s are left out."""
 WALL_MARGIN_M = 5e-4
 """Distance in m from a wall, in addition to the noise, at which a ball may touch it."""
-WALL_NOTE = "ball at a wall, or as good as, for"
-"""How the note on this time begins."""
 WALL_NOISE_STDS = 3.0
 """Standard deviations of a sample by which a ball at a wall may be seen away from it."""
 
@@ -203,6 +201,7 @@ class PreparedLog:
         grips: Times in s within which friction may stop a ball, see ``replay``.
         axes: Number of axes of the rig; of 1 the second is 0 everywhere.
         notes: What had to be left out, in words.
+        wall_note: The one of them on the time at walls; empty without any.
     """
 
     source: str
@@ -213,6 +212,7 @@ class PreparedLog:
     grips: tuple[float, ...]
     axes: int = 2
     notes: tuple[str, ...] = ()
+    wall_note: str = ""
 
     @property
     def period(self) -> float:
@@ -272,8 +272,10 @@ def prepare(log: Log) -> PreparedLog:
     fresh, sigma, sample_notes = find_ball_samples(log, period)
     notes += sample_notes
     good = ~lifted & ~_find_wall_contacts(log, fresh, sigma)
+    wall_note = ""
     if (walled := period * float((~good & ~lifted).sum())) > 0:
-        notes.append(f"{WALL_NOTE} {walled:.2f} s: left out")
+        wall_note = f"ball at a wall, or as good as, for {walled:.2f} s: left out"
+        notes.append(wall_note)
     good[:-1] &= ~gap
     segments = [
         _segment(log, fresh, slice(first, stop), period)
@@ -295,6 +297,7 @@ def prepare(log: Log) -> PreparedLog:
         grips=log.grips,
         axes=log.axes,
         notes=tuple(notes),
+        wall_note=wall_note,
     )
 
 

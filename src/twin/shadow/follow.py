@@ -99,6 +99,7 @@ class Shadow:
         length: Usable seconds of what was looked at last.
         taught: What the twin learned before it evaluated the log, in a sentence.
         notes: What had to be left out of it, in words.
+        wall_note: The one of them on the time at walls; empty without any.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
     """
 
@@ -110,6 +111,7 @@ class Shadow:
     length: float = 0.0
     taught: str = ""
     notes: tuple[str, ...] = ()
+    wall_note: str = ""
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
@@ -213,7 +215,8 @@ class Follower:
         usable = self._of_late(prepare(own), now)
         until = np.inf if whole else now - PENDING_S
         result = self.result
-        result.source, result.length, result.notes = usable.source, usable.length, usable.notes
+        result.source, result.length = usable.source, usable.length
+        result.notes, result.wall_note = usable.notes, usable.wall_note
         result.gaps = gaps(log, usable.period)
         if self._learning:
             self._learn(usable, now)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from controllers.ballplate import BallPlate
+from twin.base.settings import settings_of
 from twin.identify.any_rig import AxisIdentification, identify_axes
 from twin.identify.end_stops import find_ends
 from twin.identify.logs import (
@@ -28,13 +30,17 @@ from twin.identify.prepare import prepare
 from twin.identify.report import write
 from twin.identify.twin_model import identify_twin
 from twin.identify.verdicts import IDENTIFIED_VERDICT, Identification
+from twin.run.files import run_name
 from twin.scenario.load import load
+from twin.shadow.follow import Shadow
+from twin.shadow.report import examine_log, make_twin, read_watched
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.rim import NO_ENDS, Ends
 
-MIN_BALL_RADIUS_M = 0.002
-"""Smallest radius of a ball that a lever shows."""
-MIN_ARM_M = 1.1e-5
-"""Smallest arm of rolling friction that such a ball is left: a mechanism takes no smaller one."""
+HEIGHT_BOUNDS_M = settings_of(Parts)["height"].bounds
+"""Least and largest height of a plate's surface above its axes."""
+MIN_WIDTH_M = 1e-6
+"""Smallest width of an interval of the lever that counts in a weight."""
 MAX_GAIN_ERROR = 0.05
 """Share by which the gain of a rig may differ from that of its ball. The gains of hollow and solid
 balls differ by 19 %."""
@@ -49,21 +55,20 @@ class Reference:
         file: The identified parameters; None if there are none.
         on: Rig, or file of parameters, that they lie over; empty for the thesis's rig.
         ends: Where end stops or rims stop the ball along x and y, m, as the log shows them.
-        height: Of the plate's surface above its axes, m, as the log shows it; None if it does not.
+        assumed: What was taken of ball and height, as the log shows them, in words.
     """
 
     found: Identification
     file: Path | None
     on: str = ""
     ends: tuple[Ends, ...] = (NO_ENDS, NO_ENDS)
-    height: float | None = None
+    assumed: tuple[str, ...] = ()
 
     @property
     def overrides(self) -> tuple[str, ...]:
         """The twin of the rig as settings of the shadow."""
         source = self.file or self.on
-        rig = (f"parameters={source}",) if source else ()
-        return rig if self.height is None else (*rig, f"plant.plate.height={self.height:.6g}")
+        return (f"parameters={source}",) if source else ()
 
     def describe(self) -> str:
         """What the twin knows of the rig, in a sentence."""
@@ -75,17 +80,13 @@ class Reference:
         what = (
             "; ".join(known) or "nothing, so that the twin is the rig as the project describes it"
         )
-        ball = [
-            note
-            for note in self.found.notes
-            if note.startswith(("the ball is taken as", "the gain is neither"))
-        ]
         stops = []
         for axis, ends in zip(AXIS_COLUMNS, self.ends, strict=True):
             places = " and ".join(f"{1000 * end:.1f}" for end in ends if math.isfinite(end))
             if places:
                 stops.append(f"walls at {places} mm along {axis}: the time there is not evaluated")
-        return f"reference {self.found.source}: identified: {'; '.join((what, *ball, *stops))}."
+        words = "; ".join((what, *self.assumed, *stops))
+        return f"reference {self.found.source}: identified: {words}."
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -125,16 +126,13 @@ def _with_shown_ball(found: AxisIdentification) -> AxisIdentification:
     return replace(found, factor=factor, notes=(*found.notes, note))
 
 
-def _with_shown_lever(found: AxisIdentification) -> tuple[AxisIdentification, float | None]:
-    """What was identified, over a plate as high and with a ball as large as its levers show.
+def _with_shown_lever(found: AxisIdentification) -> AxisIdentification:
+    """What was identified, over a plate as high as its levers show.
 
     A ball that is far above the axis of the plate feels how fast that turns. Of a log of any rig
     the height is not known, and that of the thesis's rig makes a different twin where the log shows
-    another lever: height + radius + J / (m r). A lever smaller than that of the ball alone is that
-    of a smaller ball.
-
-    Returns:
-        That, and the height of the surface in m; None where the log allows that of the ball's rig.
+    another lever: height + radius + J / (m r). The ball stays as it is: a lever that no allowed
+    height gives is approached by the nearest one.
     """
     levers = [
         (each.low, each.high)
@@ -142,74 +140,72 @@ def _with_shown_lever(found: AxisIdentification) -> tuple[AxisIdentification, fl
         if each.name.startswith("lever_") and each.low is not None and each.high is not None
     ]
     ball = found.ball
-    own = ball.height + ball.radius / found.factor
-    if not levers or all(low <= own <= high for low, high in levers):
-        return found, None
-    shown = float(np.mean([(low + high) / 2 for low, high in levers]))
-    frictions = [each.value for each in found.verdicts if each.name.startswith("friction_")]
-    braking = float(np.mean([each for each in frictions if each] or [np.inf]))
-    least = max(MIN_BALL_RADIUS_M, MIN_ARM_M * found.factor * ball.gravity / braking)
-    radius = min(max(found.factor * shown, least), ball.radius)
-    height = max(0.0, shown - radius / found.factor)
-    return replace(found, ball=replace(ball, radius=radius)), height
+    alone = ball.radius / found.factor
+    if not levers or all(low <= ball.height + alone <= high for low, high in levers):
+        return found
+    lever, differ = _common_lever(levers)
+    height = min(max(lever - alone, HEIGHT_BOUNDS_M["ge"]), HEIGHT_BOUNDS_M["le"])
+    note = f"plant.plate.height is taken as {height:.3g} m from the lever of {lever:.3g} m"
+    if height != lever - alone:
+        note += f", the nearest of the heights that are allowed (the ball alone has {alone:.3g} m)"
+    if differ:
+        note += "; the levers of the axes differ, and this is their weighted mean"
+    return replace(found, height=height, notes=(*found.notes, note))
 
 
-def _read_reference(
-    log: Path, on: str, columns: str | None, separator: str | None
-) -> tuple[Log | AnyLog, BallPlate | None]:
-    """The reference log and the ball of the rig ``on``; arguments as of ``learn_reference``."""
-    rig = load("hold", [f"parameters={on}"]).plant.model if on else None
-    if columns is None:
-        return read(log), rig
-    return read_any(log, wanted_columns(columns), separator), rig
+def _common_lever(levers: Sequence[tuple[float, float]]) -> tuple[float, bool]:
+    """The lever in m that intervals of it show, and whether they contradict each other.
+
+    It is the middle of what they have in common; of intervals that have nothing in common, the mean
+    of their middles, weighted by the inverse squares of their widths.
+    """
+    low, high = np.transpose(levers)
+    if (least := low.max()) <= (most := high.min()):
+        return float(least + most) / 2, False
+    widths = np.maximum(high - low, MIN_WIDTH_M)
+    return float(np.average((low + high) / 2, weights=widths**-2.0)), True
 
 
-def check_reference(
-    log: Path, on: str = "", columns: str | None = None, separator: str | None = None
-) -> None:
-    """Make sure that a reference log can be read; arguments as of ``learn_reference``.
+def _read_reference(log: Path, columns: str | None, separator: str | None) -> Log | AnyLog:
+    """The reference log; arguments as of ``examine_by_reference``.
 
     Raises:
-        LogError: If it cannot.
-        ScenarioError: If there is no such rig.
+        LogError: If it cannot be used.
     """
-    recorded, _ = _read_reference(log, on, columns, separator)
-    if isinstance(recorded, Log):
-        prepare(recorded)
+    if columns is not None:
+        return read_any(log, wanted_columns(columns), separator)
+    recorded = read(log)
+    prepare(recorded)  # says what is wrong with it before the other logs are read
+    return recorded
 
 
 def learn_reference(
-    log: Path,
+    recorded: Log | AnyLog,
     folder: Path,
     *,
     on: str = "",
-    columns: str | None = None,
-    separator: str | None = None,
     ball: str | float | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Reference:
     """Identify a rig from a log of it while it was well.
 
     Args:
-        log: Run folder, ``run.parquet`` or log, preferably recorded with the scenario ``excite``.
+        recorded: The log, preferably recorded with the scenario ``excite``.
         folder: Where the report of the identification and its parameters go.
         on: Rig, or file of parameters, that what is found is to lie over; empty for the rig of the
             log's run.
-        columns: Of a log of any rig, as ``identify`` takes them.
-        separator: Between these.
-        ball: Of such a log: hollow, solid, or the share of gravity that accelerates it; None for
-            that of ``on``, or without it for the one that the log shows.
+        ball: Of a log of any rig: hollow, solid, or the share of gravity that accelerates it; None
+            for that of ``on``, or without it for the one that the log shows.
         progress: Called with the share of the work done.
 
     Raises:
-        LogError: If the log cannot be read, or nothing can be learned from it.
+        LogError: If nothing can be learned from the log.
         ScenarioError: If there is no such rig.
         RecordError: If a file cannot be written.
     """
     found: Identification
     ends: tuple[Ends, ...] = (NO_ENDS, NO_ENDS)
-    height: float | None = None
-    recorded, rig = _read_reference(log, on, columns, separator)
+    assumed: tuple[str, ...] = ()
     if isinstance(recorded, Log):
         if not recorded.scenario:
             ends = find_ends(recorded)
@@ -221,13 +217,88 @@ def learn_reference(
             1 - FITTED_SHARE,
             factor=None if ball is None else ball_factor(ball),
             progress=lambda share, _: progress(share),
-            ball=rig,
+            ball=_ball_of(on),
         )
         ends = find_ends(recorded.axes)
-        if not on:
-            found, height = _with_shown_lever(_with_shown_ball(found) if ball is None else found)
+        if not on and _is_known(found):
+            shown = _with_shown_lever(_with_shown_ball(found) if ball is None else found)
+            found, assumed = shown, shown.notes[len(found.notes) :]
     if on:
         found = replace(found, on=on)
     write(found, folder)
-    known = any(each.word == IDENTIFIED_VERDICT for each in found.verdicts)
-    return Reference(found, folder / "parameters.toml" if known else None, on, ends, height)
+    file = folder / "parameters.toml" if _is_known(found) else None
+    return Reference(found, file, on, ends, assumed)
+
+
+def _ball_of(on: str) -> BallPlate | None:
+    """The ball of a rig, or file of parameters; None without one.
+
+    Raises:
+        ScenarioError: If there is no such rig.
+    """
+    return load("hold", [f"parameters={on}"]).plant.model if on else None
+
+
+def _is_known(found: Identification) -> bool:
+    """Whether any parameter is identified."""
+    return any(each.word == IDENTIFIED_VERDICT for each in found.verdicts)
+
+
+def examine_by_reference(
+    reference: Path,
+    folder: Path,
+    logs: Mapping[Path, Path],
+    overrides: Sequence[str] = (),
+    *,
+    columns: str | None = None,
+    separator: str | None = None,
+    ball: str | float | None = None,
+    stage: Callable[[str], AbstractContextManager[Callable[[float], None]]],
+) -> tuple[Reference, dict[str, Shadow]]:
+    """Identify a rig from a log of its healthy state, and evaluate other logs by that twin.
+
+    Every log is read once, and all mistakes are reported before anything is identified, which takes
+    long.
+
+    Args:
+        reference: Run folder, ``run.parquet`` or log, preferably recorded with the scenario
+            ``excite``.
+        folder: Where the report of the identification and its parameters go.
+        logs: The other logs, and the folder of the report of each.
+        overrides: ``KEY=VALUE`` each over the twin; ``parameters=NAME`` states the rig, or file of
+            parameters, that what is identified is to lie over.
+        columns: Of logs of any rig, as ``identify`` takes them.
+        separator: Between these.
+        ball: Of such logs: hollow, solid, or the share of gravity that accelerates it; None for
+            that of the stated rig, or without one for the one that the reference shows.
+        stage: Shows a stage of the work by its name while it lasts; gives what is called with the
+            share of it that is done.
+
+    Returns:
+        The reference, and the report of each log by its name.
+
+    Raises:
+        TwinError: If a log cannot be used, an override is wrong, or a file cannot be written.
+    """
+    rigs = [text for text in overrides if text.partition("=")[0].strip() == "parameters"]
+    others = [text for text in overrides if text not in rigs]
+    on = "".join(text.partition("=")[2].strip() for text in rigs)
+    _ball_of(on)
+    first = _read_reference(reference, columns, separator)
+    watched = {log: read_watched(log, columns, separator) for log in logs}
+    for each in watched.values():
+        make_twin(each, (*rigs, *others), ball)
+    with stage(f"identifying from {run_name(reference)}") as advance:
+        learned = learn_reference(first, folder, on=on, ball=ball, progress=advance)
+    found = {}
+    for log, each in watched.items():
+        with stage(f"the twin of {run_name(log)}"):
+            found[run_name(log)] = examine_log(
+                each,
+                logs[log],
+                (*learned.overrides, *others),
+                ball=ball,
+                learning=True,
+                ends=learned.ends,
+            )
+    return learned, found

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from twin.base.page import Block, Picture, Text, Verdict, html
 from twin.base.writing import write_json, write_whole
 from twin.identify.end_stops import find_ends
-from twin.identify.logs import Log, ball_factor, read, read_any, wanted_columns
-from twin.identify.prepare import WALL_NOTE, check_ranges
+from twin.identify.logs import AnyLog, Log, ball_factor, read, read_any, wanted_columns
+from twin.identify.prepare import check_ranges
 from twin.identify.windows import REPLAY_STEP_S
 from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
@@ -35,7 +35,7 @@ from twin.shadow.belief import (
 )
 from twin.shadow.follow import DIAGNOSIS_S, LEARNING_S, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
-from twin.sim.plant.rim import NO_ENDS, Ends
+from twin.sim.plant.rim import Ends
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, event_texts, in_view, line
@@ -228,7 +228,7 @@ def sentences(found: Shadow) -> list[str]:
         words.append(
             f"{len(found.gaps)} gaps of {missing:.2f} s in all are in the log; they are shown grey."
         )
-    words += [f"{note.capitalize()}." for note in found.notes if note.startswith(WALL_NOTE)]
+    words += [f"{found.wall_note.capitalize()}."] if found.wall_note else []
     return words
 
 
@@ -307,29 +307,32 @@ def write(found: Shadow, folder: Path) -> None:
 
 
 def read_watched(
-    log: Path,
-    overrides: Sequence[str] = (),
-    columns: str | None = None,
-    separator: str | None = None,
-    ball: str | float | None = None,
-) -> tuple[Log, Belief, tuple[Ends, ...]]:
-    """A log that a twin is to follow, its twin, and where walls stop the ball as the log shows it.
-
-    Arguments as of ``examine``.
+    log: Path, columns: str | None = None, separator: str | None = None
+) -> Log | AnyLog:
+    """A log that a twin is to follow; arguments as of ``examine``.
 
     Raises:
-        TwinError: If the log cannot be used, or an override is wrong.
+        LogError: If it cannot be used.
     """
     if columns is not None:
-        logged = read_any(log, wanted_columns(columns), separator)
-        factor = None if ball is None else ball_factor(ball)
-        return *twin_for_log(logged, overrides, factor), find_ends(logged.axes)
+        return read_any(log, wanted_columns(columns), separator)
     recorded = replace(read(log), source=run_name(log))
     check_ranges(recorded)
     check_commands(recorded)
-    # a run knows its walls
-    shown = (NO_ENDS, NO_ENDS) if recorded.scenario else find_ends(recorded)
-    return recorded, belief_of(recorded, overrides), shown
+    return recorded
+
+
+def make_twin(
+    logged: Log | AnyLog, overrides: Sequence[str] = (), ball: str | float | None = None
+) -> tuple[Log, Belief]:
+    """A log as its twin sees it, and that twin; arguments as of ``examine``.
+
+    Raises:
+        TwinError: If an override is wrong, or the log is not of this rig.
+    """
+    if isinstance(logged, Log):
+        return logged, belief_of(logged, overrides)
+    return twin_for_log(logged, overrides, None if ball is None else ball_factor(ball))
 
 
 def examine(
@@ -341,8 +344,6 @@ def examine(
     separator: str | None = None,
     ball: str | float | None = None,
     learning: bool = False,
-    ends: Sequence[Ends] = (),
-    progress: Callable[[float], None] = lambda _: None,
 ) -> Shadow:
     """Run the twin on a recorded run, and write its report.
 
@@ -356,19 +357,46 @@ def examine(
             that of the overrides' rig.
         learning: Whether the twin learns what is not known of the rig before it evaluates; it does
             of one given by identified parameters, and on a log of any rig.
-        ends: Where end stops or rims stop the ball along x and y, m, as another log shows them; a
-            log that is no run may show more.
-        progress: Called with the share of the work done.
 
     Raises:
         TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
     """
-    recorded, belief, shown = read_watched(log, overrides, columns, separator, ball)
-    walls = recorded.walls.narrowed(shown)
+    logged = read_watched(log, columns, separator)
+    return examine_log(logged, folder, overrides, ball=ball, learning=learning)
+
+
+def examine_log(
+    logged: Log | AnyLog,
+    folder: Path,
+    overrides: Sequence[str] = (),
+    *,
+    ball: str | float | None = None,
+    learning: bool = False,
+    ends: Sequence[Ends] = (),
+) -> Shadow:
+    """Run the twin on a log that was read by ``read_watched``, and write its report.
+
+    Args:
+        logged: The log.
+        folder: As of ``examine``, like the overrides, the ball and learning.
+        overrides: ``KEY=VALUE`` each.
+        ball: Of a log of any rig.
+        learning: Whether the twin learns before it evaluates.
+        ends: Where end stops or rims stop the ball along x and y, m, as another log shows them; a
+            log that is no run may show more.
+
+    Raises:
+        TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
+    """
+    recorded, belief = make_twin(logged, overrides, ball)
+    walls = recorded.walls
+    if isinstance(logged, AnyLog):
+        walls, learning = walls.narrowed(find_ends(logged.axes)), True
+    elif not recorded.scenario:  # a run knows its walls
+        walls = walls.narrowed(find_ends(recorded))
     recorded = replace(recorded, walls=walls.narrowed(ends) if ends else walls)
     identified = any(text.partition("=")[0].strip() == "parameters" for text in overrides)
-    learning = learning or identified or columns is not None
-    found = shadow(recorded, belief, learning=learning)
+    found = shadow(recorded, belief, learning=learning or identified)
     write(found, folder)
     return found
 
