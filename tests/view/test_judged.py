@@ -166,5 +166,5 @@ def test_a_goal_that_has_not_left_the_middle_yet_is_no_measure_of_an_error(secon
 
 
 def test_of_a_ball_that_no_limit_held_the_sentence_ends_with_its_error():
-    told = describe_run(run(load("hold", ["duration=0.1", *IDEAL])))
+    told = describe_run(run(load("hold", [*CIRCLE, "duration=0.1"])))
     assert told.endswith(("x and y.", " s on."))
