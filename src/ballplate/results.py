@@ -371,8 +371,6 @@ def identify(
     heights = None if ball_height is None else ball_heights(ball_height)
     report = reporter or default()
     if columns is not None:
-        from twin.identify.any_rig import identify_axes
-
         wanted = wanted_columns(columns)
         fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
         rig = load("hold", [f"parameters={on}"]).plant.model if on else None
@@ -382,6 +380,8 @@ def identify(
             if isinstance(hold_out, float | int)
             else [read_any(path, wanted, separator) for path in _paths(hold_out)]
         )
+        from twin.identify.any_rig import identify_axes  # heavy: after what may be wrong
+
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_axes(
                 logs,

@@ -513,14 +513,15 @@ def planned_faults(
     if not texts:
         return []
     what = reporter.name_of("faults") if faults else "[[fault]]"
+    from twin.emulator.injection import plan_faults
+
+    planned = plan_faults(texts, scenario.duration, what)  # a wrong name first
     if on != EMULATED_RIG:
         name = reporter.name_of("on")
         raise ScenarioError(
             f"{what}: only the virtual rig can inject faults; add {name} {EMULATED_RIG}"
         )
-    from twin.emulator.injection import plan_faults
-
-    return plan_faults(texts, scenario.duration, what)
+    return planned
 
 
 @contextmanager

@@ -509,4 +509,6 @@ def test_what_the_supervisor_watches_is_detected_within_its_stated_time_at_every
             periods += 1
         assert periods * period <= condition.longest(period) + 1e-9
         assert supervisor.notes[0].condition is condition
+        limit = f"past its limit of {np.degrees(LIMITS.angle):.4g} deg"
+        assert (limit in supervisor.notes[0].text) == (condition is PLATE_TILTED)
     assert BALL_OUTSIDE.longest(period) == pytest.approx(period)

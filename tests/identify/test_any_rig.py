@@ -34,7 +34,7 @@ from twin.identify.logs import (
     unit_factor,
     wanted_columns,
 )
-from twin.identify.parameters import PLAIN_PARAMETERS
+from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
 from twin.identify.plain_model import (
     AXIS_FITTING,
     AxisFit,
@@ -216,6 +216,8 @@ def test_rows_of_one_frame_are_one_sample_where_their_age_is_told(tmp_path):
         ("measured_x=x,command_phi=u", "give time"),
         ("time=ms:ms,mesured_x=x", "role one of time"),
         ("time=ms:hours,measured_x=x,command_phi=u", "unit 'hours'"),
+        ("time=ms:ms,mesured_x=x", "did you mean 'measured_x'"),
+        ("time=mss:ms,measured_x=x,command_phi=u", "no column mss; did you mean 'ms'"),
         ("time=ms:ms,measured_x=ball,command_phi=u", r"no column ball \(it has ms, X"),
         ("time=ms:s,measured_x=x,command_phi=u", "milliseconds"),
         ("time=ms:ms,measured_x=x:m,command_phi=u", "tell the unit"),
@@ -812,18 +814,30 @@ def gain_of(word, value, low, high):
     ids=["holds zero", "wide", "at its bound", "not shown"],
 )
 def test_no_factor_is_advised_of_a_gain_that_is_not_identified(gain):
-    said = _describe_gain("x", gain, 0.714)
+    said = _describe_gain("x", gain, 0.714, held=True)
     assert "times" not in said
     assert said.startswith("x: how far a command tilts the plate is not known from this log")
     assert ("0.5 to 2.1" in said) == (gain.low == 0.5 and gain.high == 2.1)
 
 
 def test_the_factor_that_is_advised_of_an_identified_gain_has_its_interval():
-    said = _describe_gain("y", gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1), 0.714)
+    said = _describe_gain("y", gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1), 0.714, held=True)
     share = [-each / (0.714 * 9.81) for each in (1.9, 2.1, 1.7)]
     assert "give the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
-    near = _describe_gain("x", gain_of(IDENTIFIED_VERDICT, 7.0, 6.8, 7.2), 0.714)
+    near = _describe_gain("x", gain_of(IDENTIFIED_VERDICT, 7.0, 6.8, 7.2), 0.714, held=True)
     assert "tell the command" not in near
+
+
+def test_of_a_measured_angle_nothing_is_said_of_a_command_or_of_measuring_it():
+    gain = gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1)
+    said = _describe_gain("y", gain, 0.714, held=False)
+    assert "m/s^2 per rad of the measured angle (1.7 to 2.1)" in said
+    assert "give the measured angle times" in said
+    said += _describe_gain("x", gain_of(NOT_IDENTIFIABLE, 1.9, 0.5, 2.1), 0.714, held=False)
+    assert "command tilts" not in said
+    assert "linkage" not in said
+    assert "measure the plate" in plain_parameter("lever", "rad").experiment
+    assert plain_parameter("lever", "rad", held=False).experiment.startswith("tilt this axis")
 
 
 def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():

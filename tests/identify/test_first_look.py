@@ -60,6 +60,9 @@ def test_a_first_look_finds_gain_delay_and_level_of_a_rig(log):
     told = found.describe("x", "rad")
     assert told.startswith("first look, x: gain ")
     assert "end stop" not in told
+    assert "+- is scatter alone" in told
+    assert "without friction" not in told
+    assert "by a plain model without friction" in replace(found, plain=True).describe("x", "rad")
 
 
 def test_a_first_look_leaves_out_where_the_ball_is_at_an_end_stop():

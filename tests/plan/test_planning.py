@@ -49,9 +49,11 @@ def test_a_number_of_a_forecast_has_two_digits_and_no_exponent(value, text):
 def test_the_work_of_a_plan_is_stated_before_it_is_done():
     """Three motions of 40 s on five rigs: 600 s of runs, 0.25 s of processor time each."""
     told = describe_work(0, 40.0, RigChoice(rigs=4), optimise=False)
-    assert told.startswith("forecasting 3 motions of 40 s on 5 rigs: about 150 s of processor time")
+    assert told.startswith(
+        "forecasting 3 motions of 40 s on the nominal rig and 4 drawn: about 150 s"
+    )
     searched = describe_work(1, 10.0, RigChoice(on="tube", rigs=0), optimise=True)
-    assert "a motion of 10 s on 1 rig, and a search" in searched
+    assert "a motion of 10 s on the nominal rig, and a search" in searched
     assert "about 120 s" in searched  # of it 16 motions on 3 rigs
 
 

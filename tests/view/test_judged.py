@@ -163,3 +163,8 @@ def test_a_goal_that_has_not_left_the_middle_yet_is_no_measure_of_an_error(secon
     assert "Tracking error" not in told
     assert "no verdict: its goal was within 0.1 mm of the middle" in told
     assert "no limit was in the way" not in told
+
+
+def test_of_a_ball_that_no_limit_held_the_sentence_ends_with_its_error():
+    told = describe_run(run(load("hold", [*CIRCLE, "duration=0.1"])))
+    assert told.endswith(("x and y.", " s on."))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -404,9 +405,25 @@ def _text(key: Path | None) -> str | None:
     return text
 
 
-def _refuse_missing(answer: Path | None) -> None:
-    """Report an answer that does not exist, before anything is loaded."""
-    if answer is not None and not answer.exists():
+def _refuse_missing(answer: Path | None, name: str, *, graded: bool) -> None:
+    """Report an answer that does not exist, before anything heavy is loaded.
+
+    Args:
+        answer: The file, or a folder with it; None for the current folder.
+        name: The lab.
+        graded: Whether a folder without an answer is graded, as a course's program wants it.
+    """
+    if (answer is None or answer.is_dir()) and not graded:
+        from twin.lab.schema import read
+
+        file = (answer or Path()) / read(name).answer.file
+        if not file.exists():
+            there = f"{answer}/" if answer else "this folder"
+            raise ScenarioError(
+                f"{file.name}: not in {there}; give the folder that `ballplate lab start` wrote, "
+                f"or go into it: cd {shlex.quote(name)}-STUDENT"
+            )
+    elif answer is not None and not answer.exists():
         files = sorted(each.name for each in answer.parent.glob(f"*{answer.suffix}"))
         meant = nearest(answer.name, files).partition(" (known")[0]
         raise ScenarioError(f"{answer}: no such file{meant}")
@@ -469,7 +486,8 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None, *, noteboo
     folder = out or Path(f"{lab.name}-{student}")
     hand_out(lab, {student: "."}, _text(key), folder, notebook=notebook)
     files = f"task.md, {lab.answer.file}, rig.toml{f', {lab.name}.ipynb' if notebook else ''}"
-    say(f"{folder}/: {files}; then: ballplate lab check {lab.called}")
+    into = f"cd {shlex.quote(str(folder))}"
+    say(f"{folder}/: {files}; then: {into}; ballplate lab check {lab.called}")
     return 0
 
 
@@ -488,7 +506,7 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
 
     The answer is a file, or a folder with it; by default the current folder.
     """
-    _refuse_missing(how["answer"])
+    _refuse_missing(how["answer"], how["lab"], graded=form is not None)
     from ballplate.lab import check as judge
     from twin.base.writing import write_whole
     from twin.lab.grade import format_result, table

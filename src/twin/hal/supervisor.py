@@ -349,8 +349,10 @@ class Supervisor:
             outside, tilted = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
             where = f"ball at {self._of_axes('.3f')} m left the area"
             self._judge(BALL_OUTSIDE, outside, y[:, 0::2], where)
-            where = f"plate at {self._of_axes('.2f')} deg past its limit"
-            self._judge(PLATE_TILTED, tilted, np.degrees(plate), where)
+            where = f"plate at {self._of_axes('.2f')} deg past its limit of {{:.4g}} deg"
+            limit = self._bounds[:, 1:2] - self.ANGLE_SLACK_RAD
+            shown = np.degrees(np.hstack((plate[:, : self.axes], limit)))
+            self._judge(PLATE_TILTED, tilted, shown, where)
         self.angle = correct_angle(self.angle, drift, self._drift_share)
         if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)

@@ -291,7 +291,9 @@ def identify_axes(
     seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
     gains = {each.name.rpartition("_")[2]: each for each in found if each.name.startswith("gain_")}
     remarks = [
-        _describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad"
+        _describe_gain(axis, gains[axis], factor, held=first.axes[axis].held)
+        for axis in fits
+        if first.unit[axis] == "rad"
     ]
     notes += describe_lags([each for each in found if first.axes[each.name[-1]].held])
     progress(1.0, "")
@@ -393,7 +395,9 @@ def _fit_axes(
             reasons.append(f"{axis}: {error}")
             unknown = [
                 ParameterVerdict(
-                    about=plain_parameter(name, units[axis]), name=f"{name}_{axis}", why=str(error)
+                    about=plain_parameter(name, units[axis], held=log.held),
+                    name=f"{name}_{axis}",
+                    why=str(error),
                 )
                 for name in (*SMOOTH_PARAMETERS, "friction")
             ]
@@ -460,7 +464,7 @@ def _describe_work(logs: Mapping[str, AxisLog], source: str) -> str:
     )
 
 
-def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
+def _describe_gain(axis: str, gain: ParameterVerdict, factor: float, *, held: bool) -> str:
     """How much of what a ball does an axis does, in a sentence.
 
     No factor is advised from a gain that is not identified.
@@ -469,21 +473,29 @@ def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
         axis: x or y.
         gain: Verdict of its gain, m/s^2 per rad.
         factor: Share of gravity that accelerates the ball.
+        held: Whether the gain is that of a command, not of a measured angle.
     """
     sign, push = AXIS_SIGNS[axis], factor * BallPlate().gravity
+    what = "command" if held else "measured angle"
     if gain.word != IDENTIFIED_VERDICT or gain.value is None:
         known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
         return (
-            f"{axis}: how far a command tilts the plate is not known from this log{known}, so no "
-            "factor on the command is advised and no rig of its own follows from it."
+            f"{axis}: how far {'a command tilts the plate' if held else 'an angle moves the ball'} "
+            f"is not known from this log{known}, so no factor on the {what} is advised and no rig "
+            "of its own follows from it."
         )
     share = gain.value / push
     turned = sign * share
+    known = (
+        "the plate's tilt per command and the ball's share of gravity, and commands are taken as "
+        "angles of the plate, whatever linkage a rig has."
+        if held
+        else "the scale of the angle and the ball's share of gravity."
+    )
     sentence = (
-        f"{axis}: {gain.value:.3g} m/s^2 per rad of command ({gain.interval}) is {share:.2f} times "
-        f"the acceleration of a ball that takes {factor:.3g} of gravity: the log shows only this "
-        "product of the plate's tilt per command and the ball's share of gravity, and commands are "
-        "taken as angles of the plate, whatever linkage a rig has."
+        f"{axis}: {gain.value:.3g} m/s^2 per rad of {'' if held else 'the '}{what} "
+        f"({gain.interval}) is {share:.2f} times the acceleration of a ball that takes "
+        f"{factor:.3g} of gravity: the log shows only this product of {known}"
     )
     if not _is_other_scale(turned):
         return sentence
@@ -491,7 +503,7 @@ def _describe_gain(axis: str, gain: ParameterVerdict, factor: float) -> str:
     assert gain.high is not None
     least, most = sorted(sign * end / push for end in (gain.low, gain.high))
     return (
-        f"{sentence} For compare, shadow and whatif, give the command times {turned:.3g} "
+        f"{sentence} For compare, shadow and whatif, give the {what} times {turned:.3g} "
         f"({least:.3g} to {most:.3g}; a - before its name turns the sign, a factor stands before "
         "its unit)."
     )
@@ -790,7 +802,7 @@ def _assess_axis(
         values = (own.value[k], low[k], high[k])
         indistinct = [] if name == "delay" else others
         verdict = _assess_parameter(
-            plain_parameter(name, unit),
+            plain_parameter(name, unit, held=fit.log.held),
             f"{name}_{axis}",
             values,
             ends[k],
@@ -800,7 +812,9 @@ def _assess_axis(
         )
         verdict = _to_slew_rate(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
-    found += [_bound_hidden(fit, name, axis, moved, selection) for name, moved in hidden.items()]
+    found += [
+        _bound_hidden(fit, name, axis, unit, moved, selection) for name, moved in hidden.items()
+    ]
     if (lever := fit.log.lever) is not None:
         word, half = GIVEN_VERDICT, 2 * selection.fitting.drives.height_std_m
         given = replace(found.pop(), value=lever, word=word, why=LEVER_HELD_MESSAGE)
@@ -809,7 +823,7 @@ def _assess_axis(
 
 
 def _bound_hidden(
-    fit: AxisFit, name: str, axis: str, moved: Array, selection: AxisSelection
+    fit: AxisFit, name: str, axis: str, unit: str, moved: Array, selection: AxisSelection
 ) -> ParameterVerdict:
     """The verdict of a parameter that is not fitted: how much of it there may be.
 
@@ -817,13 +831,14 @@ def _bound_hidden(
         fit: Of the axis.
         name: The parameter.
         axis: x or y.
+        unit: Unit of the tilt.
         moved: Draws of it.
         selection: Constants.
     """
     probability, swing = selection.bound_probability, fit.problem.tilt.scale
     least, most = np.quantile(moved, (1 - probability, probability)).tolist()
     by = {"dead_band": swing, "play": 2 * swing}.get(name, 1.0)
-    about = PLAIN_PARAMETERS[name]
+    about = plain_parameter(name, unit, held=fit.log.held)
     none = ParameterVerdict.unknown(about, f"{name}_{axis}", "not distinguishable from zero")
     if (value := dict(fit.rivals).get(name)) is not None:
         most = max(most, (1 + about.relative) * value)

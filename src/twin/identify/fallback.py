@@ -65,7 +65,7 @@ def assess_plainly(
             )
         ]
         low, high = min(each[0] for each in spans), max(each[1] for each in spans)
-        about, value = plain_parameter(name, unit), getattr(first, attribute)
+        about, value = plain_parameter(name, unit, held=log.held), getattr(first, attribute)
         narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
         found[name] = ParameterVerdict(
             about=about,

@@ -137,10 +137,12 @@ class FirstLook:
         """
         ends = f"; {100 * self.at_ends:.0f} % at an end stop" if self.at_ends else ""
         rolls = "of any motion, by a plain model" if self.plain else "of a ball that rolls freely"
+        without = " without friction, which makes the gain small" if self.plain else ""
         return (
             f"first look, {axis}: gain {digits(self.gain)} +- {digits(2 * self.gain_std)} m/s^2 by "
             f"{unit}, dead time + lag {self.delay:.2f} s, level {digits(self.level)} +- "
-            f"{digits(2 * self.level_std)} m/s^2, from {self.windows} windows {rolls}{ends}"
+            f"{digits(2 * self.level_std)} m/s^2, from {self.windows} windows {rolls}{without}; "
+            f"+- is scatter alone{ends}"
         )
 
 

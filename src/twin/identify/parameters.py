@@ -70,16 +70,23 @@ DELAY_FLOOR_S = 0.002
 of a filter of the positions, moves the sum by so much."""
 
 
-def plain_parameter(name: str, unit: str) -> IdentifiedParameter:
+MEASURE_ANGLE_TEXT = "measure the plate's angle, and "
+"""Begin of an experiment that is advised for a log of commands alone."""
+
+
+def plain_parameter(name: str, unit: str, *, held: bool = True) -> IdentifiedParameter:
     """A parameter of the plain model, or the sum of its delays.
 
     Args:
         name: In ``PLAIN_PARAMETERS``, or ``delay``.
         unit: Unit of the tilt, of which the gain's unit is made.
+        held: Whether the tilt is a command; of a measured angle no experiment says to measure it.
     """
     if name == "delay":
         return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag", floor=DELAY_FLOOR_S)
     about = PLAIN_PARAMETERS[name]
+    if not held:
+        about = replace(about, experiment=about.experiment.removeprefix(MEASURE_ANGLE_TEXT))
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 

@@ -251,7 +251,8 @@ def describe_work(
     least = forecasts * seconds * PROCESSOR_S_PER_S
     many = "a motion" if count == 1 else f"{count} motions"
     return (
-        f"forecasting {many} of {seconds:g} s on {rigs} rig{'s' * (rigs > 1)}"
+        f"forecasting {many} of {seconds:g} s on "
+        f"the nominal rig{f' and {choice.rigs} drawn' * bool(choice.rigs)}"
         f"{', and a search for a better one' * optimise}: about {round_plainly(least)} s of "
         f"processor time, up to {SLOWEST_RATIO} times that on a rough screen"
     )

@@ -19,14 +19,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from controllers.catalog import LAWS_FOLDER, broken, describe_incomplete_classes, left_alone
 from twin.base.data_file import MAX_NESTING, DataError, parse_toml
-from twin.base.errors import ScenarioError, nearest, shorten
+from twin.base.errors import ScenarioError, list_first, nearest, shorten
 from twin.base.settings import value_of
 from twin.base.shipped import chosen, find, shipped_in
-from twin.base.validation import Model, first_finding, keys_of, read_tables
+from twin.base.validation import UNKNOWN_KEY_ERRORS, Model, first_finding, keys_of, read_tables
 from twin.scenario import schema
 from twin.scenario.schema import CATALOG_TABLES, TIME_TOLERANCE_S, Change, Scenario
 
@@ -545,7 +545,28 @@ def validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix:
         return model.model_validate_json(json.dumps(tables, default=str))
     except ValidationError as error:
         known = every_key() if model is Scenario else []
-        raise ScenarioError(f"{source}: {prefix}{first_finding(model, error, known)}") from None
+        found = first_finding(model, error, known)
+        if "; did you mean" not in found and (others := _kinds_with(model, error, prefix)):
+            found = f"{found}; a key of {others}"
+        raise ScenarioError(f"{source}: {prefix}{found}") from None
+
+
+MAX_NAMED_KINDS = 4
+"""Number of kinds with a key that a message names."""
+
+
+def _kinds_with(model: type[BaseModel], error: ValidationError, prefix: str) -> str:
+    """Which other kinds of a table have its first unknown key; empty for none, or another error."""
+    table = prefix.removesuffix(".")
+    unknown = [each["loc"] for each in error.errors() if each["type"] in UNKNOWN_KEY_ERRORS]
+    if table not in CATALOG_TABLES or not unknown or len(unknown[0]) != 1:
+        return ""
+    kinds = [
+        kind
+        for kind, cls in schema.choices(table).items()
+        if unknown[0][0] in schema.settings_model(cls).model_fields
+    ]
+    return f"{table}.kind = {list_first(kinds, MAX_NAMED_KINDS)}" if kinds else ""
 
 
 def every_key() -> list[str]:

@@ -753,7 +753,7 @@ class Scenario(Section):
     (over, 0 for at once) and the new values by their quoted keys (set)."""
     fault: tuple[InjectedFault, ...] = ()
     """Faults of the virtual rig, on `--rig emulated` only: each table gives the time (at) and the
-    name of the fault (name)."""
+    name of the fault (name); `ballplate safety --list` lists the names."""
     plant: PlantTable = PlantTable()
     rig: RigTable = RigTable()
     sensors: SensorsTable = SensorsTable()

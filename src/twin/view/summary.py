@@ -258,8 +258,7 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     nothing = (NO_LIMIT_TEXT, NO_PLATE_LIMIT_TEXT)
     limits = [words for words in limits if not words.startswith(nothing)]
     limits += _describe_held(run, found, MAIN_HELD_SHARE if limits else MIN_HELD_SHARE)
-    limits = limits or [NO_LIMIT_TEXT]
-    return f"{_size(run, found, clean)}: {'; '.join(limits)}."
+    return f"{_size(run, found, clean)}{': ' * bool(limits)}{'; '.join(limits)}."
 
 
 def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:
