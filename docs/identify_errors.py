@@ -18,6 +18,7 @@ from typing import Any
 
 import click
 import numpy as np
+from scipy.constants import g
 
 from controllers.arrays import Array
 from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
@@ -59,6 +60,7 @@ class Rig:
         servo_step: Step of the servo, rad; the log has the finer command.
         softening: Share of the gain that is lost by rad of tilt.
         presliding: Way over which friction builds up, as Dahl has it.
+        lever: Effective height of the ball above the axis of the tilt.
     """
 
     seconds: float = 45.0
@@ -82,6 +84,7 @@ class Rig:
     servo_step: float = 0.0
     softening: float = 0.0
     presliding: float = 0.0
+    lever: float = 0.0
 
     def turned(self, command: float) -> float:
         """Where the servo turns by a command, rad."""
@@ -119,6 +122,7 @@ def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Arra
     after = round(rig.dead_time / 2 / h)
     before = round(rig.dead_time / h) - after
     x, v, servo, plate, seen, bristle = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    turning = 0.0
     shown, sent, angles = np.zeros((3, steps))
     due, until, target, command, last, speed, then = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     slow = 1 / (1 + 4 * (rig.dead_time + rig.lag))
@@ -153,6 +157,8 @@ def simulate_log(seed: int, rig: Rig, across: Array | None = None) -> tuple[Arra
         angles[k] = tilt
         push = rig.gain * tilt * (1 - rig.softening * abs(tilt)) + rig.level - rig.viscous * v
         push += 0.0 if across is None else across[k]
+        turned, turning = turning, (plate - before_step) / h
+        push -= rig.gain * rig.lever / g * (turning - turned) / h
         was, v = v, v + h * push
         if rig.presliding:
             bristle += h * (was - abs(was) * bristle) / rig.presliding

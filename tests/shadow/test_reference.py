@@ -85,7 +85,7 @@ def test_of_logs_with_columns_on_their_rig_the_healthy_one_is_healthy(
 def test_end_stops_that_nobody_stated_raise_no_alarm(tmp_path, monkeypatch, capsys):
     """A ball between end stops of a rig that no option names, simulated without the twin's code."""
     monkeypatch.chdir(tmp_path)
-    rig = Rig(seconds=60.0, stop=0.05)
+    rig = Rig(seconds=60.0, stop=0.05, lever=0.05)
     step = 0.05 * (np.arange(round(rig.seconds / STEP_S)) > 32.0 / STEP_S)
     for name, seed, across in (("first", 11, None), ("well", 12, None), ("tilted", 12, step)):
         time, _, ball, _, tilt = simulate_log(seed, rig, across)
