@@ -182,8 +182,9 @@ class Explanation:
     def too_short(self) -> str:
         """Why the shares mean nothing yet, and from when on they do; empty if they do."""
         evaluated, least = self.scenario.duration - self.scenario.metrics.start, MIN_EVALUATED_S
-        if self.scenario.reference.kind == "circle":
-            least = max(least, 2 * np.pi / abs(self.scenario.reference.omega))  # once round
+        along: Any = self.scenario.reference
+        if along.kind == "circle":
+            least = max(least, 2 * np.pi / abs(along.omega))  # once round
         if evaluated >= least:
             return ""
         begin = self.scenario.metrics.start
