@@ -132,15 +132,9 @@ def test_a_run_whose_commands_were_all_cut_to_nothing_says_so(whole):
 
 
 def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():
-    seen = {
-        "verdict": "cannot tell",
-        "moved_s": 0.0,
-        "length": 25.0,
-        "taught": "",
-        "alarms": [],
-        "notes": (),
-    }
+    seen = {"verdict": "cannot tell", "moved_s": 0.0, "length": 25.0, "taught": "", "alarms": []}
     seen |= {"score_median": None, "inside_band": None, "error_1s": None, "replays": None}
+    seen |= {"wall_note": ""}
     (still,) = sentences(SimpleNamespace(**seen, gaps=np.zeros((0, 2))))
     cut, gaps = sentences(SimpleNamespace(**seen, gaps=np.tile([1.0, 1.1], (263, 1))))
     assert "moved for 0 of 25 s" in still
