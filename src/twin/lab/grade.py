@@ -558,6 +558,8 @@ def grade_submission(
         shown = "the grader failed; your lecturer has the reason"
     if shown:
         result, drawing = result_without_points(each.student, problem), None
+        if result == earlier.result:
+            return result
         page = html(f"{lab.shown_title}: {each.student}", [Verdict([shown], good=False)])
     if not page:
         return result
