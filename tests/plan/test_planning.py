@@ -64,13 +64,17 @@ def test_a_rig_is_planned_for_with_one_axis(rig):
     assert axes_settings(None, rig) == ()
 
 
+def planned(line, capsys):
+    """What ``identify --plan`` prints as JSON with some options."""
+    with pytest.raises(SystemExit) as ended:
+        main(["identify", "--plan", *line.split(), "--json"])
+    assert ended.value.code == 0
+    return json.loads(capsys.readouterr().out)
+
+
 @pytest.mark.long
 def test_a_plan_of_one_axis_has_no_second(capsys):
-    line = "identify --plan --axes 1 --seconds 15 --rigs 1 --scenario line --json"
-    with pytest.raises(SystemExit) as ended:
-        main(line.split())
-    found = json.loads(capsys.readouterr().out)
-    assert ended.value.code == 0
+    found = planned("--axes 1 --seconds 15 --rigs 1 --scenario line", capsys)
     for rig in found["motions"][0]["rigs"]:
         names = [each["name"] for each in rig["verdicts"]]
         assert names == ["rolling", "breakaway", "delay", "servo", "level_phi"]
@@ -78,11 +82,8 @@ def test_a_plan_of_one_axis_has_no_second(capsys):
 
 @pytest.mark.long
 def test_the_motion_that_tells_most_comes_first(capsys):
-    line = "identify --plan --on hobby --seconds 10 --rigs 0 --scenario hold --scenario sine --json"
-    with pytest.raises(SystemExit) as ended:
-        main(line.split())
-    found = json.loads(capsys.readouterr().out)
-    assert ended.value.code == 0
+    line = "--on hobby --seconds 10 --rigs 0 --scenario hold --scenario sine"
+    found = planned(line, capsys)
     assert found["best"] == "sine"
     assert [each["scenario"] for each in found["motions"]] == ["sine", "hold"]
     assert found["motions"][0]["score"] < found["motions"][1]["score"]

@@ -36,6 +36,13 @@ def ended(line, capsys):
     return end.value.code, capsys.readouterr()
 
 
+def alarmed(line, capsys):
+    """What a watch that ends with an alarm prints as JSON."""
+    code, told = ended(line, capsys)
+    assert code == 1
+    return json.loads(told.out)
+
+
 @pytest.mark.long
 def test_a_healthy_log_raises_no_alarm_and_a_changed_level_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -44,9 +51,7 @@ def test_a_healthy_log_raises_no_alarm_and_a_changed_level_is_named(tmp_path, mo
         done = bp.run("excite", [*RIG, *more], duration=45)
         done.export(f"{name}.csv")
     line = "shadow well.csv tilted.csv --reference first.csv --out out --json"
-    code, told = ended(line, capsys)
-    found = json.loads(told.out)
-    assert code == 1
+    found = alarmed(line, capsys)
     rolling = found["reference"]["parameters"][0]
     assert rolling["low"] <= 0.23 <= rolling["high"]
     assert found["logs"]["well"]["alarms"] == []
@@ -72,9 +77,7 @@ def test_of_logs_with_columns_on_their_rig_the_healthy_one_is_healthy(
         ).to_csv(f"{name}.csv", index=False)
     columns = "time=t,measured_x=X:m,measured_phi=tilt:rad,age=waited"
     line = f"shadow well.csv dusty.csv --reference first.csv --on tube --columns {columns} --json"
-    code, told = ended(line, capsys)
-    found = json.loads(told.out)["logs"]
-    assert code == 1
+    found = alarmed(line, capsys)["logs"]
     assert found["well"]["alarms"] == []
     first = found["dusty"]["alarms"][0]
     assert 28 < first["time"] < 40
@@ -93,9 +96,7 @@ def test_end_stops_that_nobody_stated_raise_no_alarm(tmp_path, monkeypatch, caps
         np.savetxt(f"{name}.csv", rows, delimiter=",", header="t,X,tilt", comments="")
     columns = "time=t,measured_x=X:m,measured_phi=tilt:rad"
     line = f"shadow well.csv tilted.csv --reference first.csv --columns {columns} --json"
-    code, told = ended(line, capsys)
-    found = json.loads(told.out)["logs"]
-    assert code == 1
+    found = alarmed(line, capsys)["logs"]
     assert found["well"]["alarms"] == []
     assert found["well"]["told_seconds"] > 10
     assert any("ball at a wall" in note for note in found["well"]["notes"])

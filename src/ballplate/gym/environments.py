@@ -274,18 +274,13 @@ class Rigs:
 
 PICTURE_SIDE_PX = 480
 """Longer side of a picture in pixels."""
-BACKGROUND, PLATE, AREA, PATH, GOAL, BALL = (
-    np.array(colour, np.uint8)
-    for colour in (
-        (255, 255, 255),
-        (225, 229, 234),
-        (205, 211, 219),
-        (0, 0, 0),
-        (0, 158, 115),
-        (230, 159, 0),
-    )
-)
-"""Colours of a picture, RGB."""
+BACKGROUND_RGB = (255, 255, 255)
+PLATE_RGB = (225, 229, 234)
+AREA_RGB = (205, 211, 219)
+PATH_RGB = (0, 0, 0)
+GOAL_RGB = (0, 158, 115)
+BALL_RGB = (230, 159, 0)
+"""Colours of a picture."""
 PATH_POINT_M = 0.001
 """Half the width of a path in a picture, m."""
 
@@ -304,14 +299,14 @@ def picture(size: Dimensions, ball: Array, goal: Array, path: Array) -> NDArray[
     columns, rows = (max(2, round(side / pixel)) for side in (width, height))
     x = (np.arange(columns) + 0.5) * pixel - width / 2
     y = height / 2 - (np.arange(rows)[:, None] + 0.5) * pixel
-    image = np.full((rows, columns, 3), BACKGROUND, np.uint8)
+    image = np.full((rows, columns, 3), BACKGROUND_RGB, np.uint8)
     on_plate = np.hypot(x, y) <= width / 2 if size.round else np.full((rows, columns), True)
-    image[on_plate] = PLATE
-    image[on_plate & (np.abs(x) <= size.area[0]) & (np.abs(y) <= size.area[1])] = AREA
+    image[on_plate] = PLATE_RGB
+    image[on_plate & (np.abs(x) <= size.area[0]) & (np.abs(y) <= size.area[1])] = AREA_RGB
     for place in path[:: max(1, len(path) // PICTURE_SIDE_PX)]:
         near_x, near_y = np.abs(x - place[0]), np.abs(y[:, 0] - place[1])
-        image[np.ix_(near_y <= PATH_POINT_M, near_x <= PATH_POINT_M)] = PATH
-    for place, radius, colour in ((goal, size.ball / 2, GOAL), (ball, size.ball, BALL)):
+        image[np.ix_(near_y <= PATH_POINT_M, near_x <= PATH_POINT_M)] = PATH_RGB
+    for place, radius, colour in ((goal, size.ball / 2, GOAL_RGB), (ball, size.ball, BALL_RGB)):
         image[np.hypot(x - place[0], y - place[1]) <= max(radius, pixel)] = colour
     return image
 

@@ -62,9 +62,13 @@ class RigError(TwinError, ConnectionError):
 def nearest(name: object, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: which is nearest, and which are known."""
     names = list(known)
-    close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
-    hint = f"; did you mean '{close[0]}'?" if close else ""
-    return f"{hint} (known: {', '.join(names) or 'none'})"
+    return f"{suggest(name, names)} (known: {', '.join(names) or 'none'})"
+
+
+def suggest(name: object, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: which is nearest; empty if none is near."""
+    close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.5)
+    return f"; did you mean '{close[0]}'?" if close else ""
 
 
 def shorten(text: str) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import controllers
 from twin.base.data_file import DataError, read_toml
-from twin.base.errors import ScenarioError, nearest, shorten
+from twin.base.errors import ScenarioError, shorten, suggest
 
 OTHER_FOLDERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs", "bench"}
 """Folders of files that are no scenarios."""
@@ -102,7 +102,7 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
     if near := nearest_neighbour(Path(name)):
         return near
     every = f"; `ballplate {LISTING_COMMANDS[what]}` lists all" if what in LISTING_COMMANDS else ""
-    meant = nearest(name, known).partition(" (known")[0]
+    meant = suggest(name, known)
     return f"{meant} (known: {', '.join(each for each in known if '/' not in each)}{every})"
 
 

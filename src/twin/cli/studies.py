@@ -12,7 +12,7 @@ import click
 
 from ballplate.studies import StudyResult, screened_work_of
 from ballplate.studies import study as run_study
-from twin.base.errors import ScenarioError, nearest
+from twin.base.errors import ScenarioError, suggest
 from twin.base.jobs import cores
 from twin.base.page import Table, Text
 from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
@@ -425,7 +425,7 @@ def _refuse_missing(answer: Path | None, name: str, *, graded: bool) -> None:
             )
     elif answer is not None and not answer.exists():
         files = sorted(each.name for each in answer.parent.glob(f"*{answer.suffix}"))
-        meant = nearest(answer.name, files).partition(" (known")[0]
+        meant = suggest(answer.name, files)
         raise ScenarioError(f"{answer}: no such file{meant}")
 
 

@@ -184,8 +184,7 @@ class AxisIdentification(Identification):
                 else "its sum with the dead time is known, neither by itself"
             )
             lines["rig.plate_lag"] = f"{mean['lag']:.6g}  # {remark}"
-            corner = corner_frequency(mean["lag"]) if mean["lag"] > 0 else 0.0
-            lines["plant.servo.bandwidth_hz"] = f"{corner:.6g}"
+            lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
             bends = ", ".join(f"{camber.get(axis, 0.0):z.6g}" for axis in "xy")
             lines["plant.camber"] = f"[{bends}]"

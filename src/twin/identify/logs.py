@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.base.errors import LogError, nearest
+from twin.base.errors import LogError, suggest
 from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_in
 from twin.base.validation import read_tables
@@ -535,7 +535,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
         role, equals, name = (each.strip() for each in part.partition("="))
         role = ROLE_ALIASES.get(role, role)
         if role not in ROLE_UNITS or not equals or not name:
-            meant = "" if role in ROLE_UNITS else nearest(role, ROLE_UNITS).partition(" (known")[0]
+            meant = "" if role in ROLE_UNITS else suggest(role, ROLE_UNITS)
             raise LogError(
                 f"--columns: '{part}'{meant or ':'} give ROLE=NAME:UNIT, role one of "
                 + ", ".join(ROLE_UNITS)
@@ -874,7 +874,7 @@ def _find_column(
     if column.name.isdecimal() and int(column.name) >= 1:
         return int(column.name) - 1, ""
     has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
-    meant = nearest(column.name, (split_unit(each)[0] for each in header)).partition(" (known")[0]
+    meant = suggest(column.name, (split_unit(each)[0] for each in header))
     raise LogError(f"{source}: {role}: no column {column.name}{meant} (it has {has})")
 
 

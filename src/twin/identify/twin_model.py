@@ -54,6 +54,7 @@ from twin.identify.verdicts import (
     corner_frequency,
     predict_windows,
     score,
+    time_constant,
 )
 from twin.identify.windows import (
     LOOKBACK_S,
@@ -635,7 +636,7 @@ class TwinIdentification(Identification):
         if self.on and delay and delay.value is not None:
             values["predictor.delay"] = f"{delay.value:.6g}  # as found"
         if self.on and corner and corner.value:
-            values["rig.plate_lag"] = f"{1 / (2 * math.pi * corner.value):.6g}  # of these drives"
+            values["rig.plate_lag"] = f"{time_constant(corner.value):.6g}  # of these drives"
         return values | self.over
 
     def as_dict(self) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from markupsafe import Markup, escape
 
 from controllers.catalog import EXECUTION_LOG
 from twin.base.data_file import DataError, parse_json, read_regular
-from twin.base.errors import ScenarioError, TwinError, nearest, printable, shorten
+from twin.base.errors import ScenarioError, TwinError, printable, shorten, suggest
 from twin.base.jobs import results
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html, inline
 from twin.base.page import render_template as rendered
@@ -541,7 +541,7 @@ def grade_submission(
     measurements = Measurements(source, earlier.measured, simulates)
     try:
         if people is not None and each.student not in people:
-            where = nearest(each.student, people).partition(" (known:")[0]  # not the whole class
+            where = suggest(each.student, people)  # not the whole class
             raise ScenarioError(f"student '{each.student}': not in the class{where}")
         if each.problem:
             raise ScenarioError(each.problem)

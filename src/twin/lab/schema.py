@@ -569,10 +569,8 @@ def hand_out(
             write_whole(own / RIG_FILE, f"{toml(rig)}[told]\n{known}")
             listed = "".join(f"- `{each}` = {value}\n" for each, value in dealt.known.items())
             heading = say("your_rig", student=student, code=dealt.code)
-            text, filled = (
-                f"{sheet}\n\n## {heading}\n\n{listed}",
-                fill_answer(template, dealt.known),
-            )
+            text = f"{sheet}\n\n## {heading}\n\n{listed}"
+            filled = fill_answer(template, dealt.known)
             write_whole(own / "task.md", text)
             write_whole(own / answer, filled)
             if notebook:

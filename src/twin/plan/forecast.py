@@ -37,7 +37,7 @@ from twin.identify.parameters import (
 from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TWIN_SELECTION, TwinProblem, assess_parameters, whiteness
-from twin.identify.verdicts import ParameterVerdict
+from twin.identify.verdicts import ParameterVerdict, time_constant
 from twin.identify.windows import Windows, cut, moving_spans
 from twin.scenario.schema import Scenario
 from twin.shadow.belief import Belief
@@ -186,8 +186,8 @@ def width_ratio(found: ParameterVerdict | None, how: ForecastConstants = FORECAS
     about = found.about
     if about is SERVO_PARAMETER:
         # of the time constant: the corner frequency of fast drives has a lower end alone
-        lag = 0.0 if found.value is None else 1 / (2 * math.pi * found.value)
-        half = 1 / (2 * math.pi * found.low) - lag if found.low > 0 else math.inf
+        lag = 0.0 if found.value is None else time_constant(found.value)
+        half = time_constant(found.low) - lag if found.low > 0 else math.inf
         size = lag
     else:
         half, size = half_width(found) / about.factor, abs(found.value or 0.0) / about.factor

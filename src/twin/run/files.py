@@ -72,10 +72,19 @@ def slug(text: str) -> str:
         return name
     mark = hashlib.sha256(text.encode()).hexdigest()[:6]
     most = MAX_NAME_LENGTH - 7
-    if len(name) > most:  # between two settings, else between words, unless little would be left
-        ends = (max(map(name[: most + 1].rfind, signs)) for signs in ("-", ",_="))
-        name = name[: next((end for end in ends if end >= most // 2), most)]
-    return "-".join(filter(None, (name, mark)))
+    return "-".join(filter(None, (_cut(name, most) if len(name) > most else name, mark)))
+
+
+def _cut(name: str, most: int) -> str:
+    """The beginning of a name: cut between two settings, else between words.
+
+    Where that leaves less than half of what may stay, it is cut anywhere.
+    """
+    for signs in ("-", ",_="):
+        end = max(name.rfind(sign, 0, most + 1) for sign in signs)
+        if end >= most // 2:
+            return name[:end]
+    return name[:most]
 
 
 def folder_names(texts: Iterable[str]) -> list[str]:

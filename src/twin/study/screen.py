@@ -122,7 +122,7 @@ class Screened:
         checked: The points that decide.
         notes: What there is not, and why.
         rows: A row of each of these runs but the mechanism's own behind the labels of its point:
-            ``part`` as in ``counts``, and ``plant``.
+            ``part``, which is paired, wide or checked, and ``plant``.
     """
 
     times: int

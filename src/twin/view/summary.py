@@ -99,7 +99,7 @@ class Diagnosis:
             lag=lag,
             gain=gain,
             rest=rest,
-            turned=total_turning(motion.reference[late]),
+            turned=_total_turning(motion.reference[late]),
             estimation=estimation,
             cut=None
             if np.isnan(requested).all()
@@ -138,7 +138,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
         return None, None, None
     speed = np.hypot(*reference(time[[0, -1]])[1].T)
-    if total_turning(reference(time)[0]) < MIN_TURNING_RAD and speed.max() > MIN_PATH_SPEED_M_S:
+    if _total_turning(reference(time)[0]) < MIN_TURNING_RAD and speed.max() > MIN_PATH_SPEED_M_S:
         return None, None, None
     some = slice(None, None, max(1, len(time) // 2000))
     time, ball = time[some], ball[some]
@@ -163,7 +163,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     return lag, *fit(lag)
 
 
-def total_turning(path: Array) -> float:
+def _total_turning(path: Array) -> float:
     """Total turning of the direction of a path (K, 2), rad; a reversal is pi."""
     steps = np.diff(path, axis=0)
     steps = steps[np.hypot(*steps.T) > 1e-9]
