@@ -556,7 +556,7 @@ MAX_NAMED_KINDS = 4
 
 
 def _kinds_with(model: type[BaseModel], error: ValidationError, prefix: str) -> str:
-    """Which other kinds of a table have its first unknown key; empty for none, or another error."""
+    """Kinds of a table that have its first unknown key, by name; empty if there is none."""
     table = prefix.removesuffix(".")
     unknown = [each["loc"] for each in error.errors() if each["type"] in UNKNOWN_KEY_ERRORS]
     if table not in CATALOG_TABLES or not unknown or len(unknown[0]) != 1:
