@@ -14,14 +14,9 @@ from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.control import CONTROL_COMMANDS, BusControl, ControlError, place_of_touch
 from twin.emulator.drive import EmulatedDrive
-from twin.hal.interface import Condition, Severity
 from twin.hal.rig import Entry
-from twin.hal.supervisor import Note, State
+from twin.hal.supervisor import INJECTED, INJECTED_BEGIN, Note, State
 
-INJECTED = Condition("fault injected", Severity.WARNING, 0.0, "noted", "run without it")
-"""How an injected fault stands among the events of a run."""
-NOTED = "virtual rig: "
-"""How the text of such an event begins."""
 RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug")
 """Lines about the whole virtual rig."""
 RIG_NODES = (1, 2)
@@ -146,7 +141,7 @@ def inject(
             if rig.supervisor.state[0] == State.RUNNING and time >= waiting[0].time:
                 fault = waiting.pop(0)
                 text = f"{fault.name}: {obey(fault.line)}"
-                rig.journal.append(Entry(time, Note(0, INJECTED, f"{NOTED}{text}")))
+                rig.journal.append(Entry(time, Note(0, INJECTED, f"{INJECTED_BEGIN}{text}")))
 
     thread = threading.Thread(target=work, name="faults", daemon=True)
     if faults:

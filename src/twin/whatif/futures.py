@@ -25,7 +25,7 @@ from twin.base.errors import RecordError, ScenarioError
 from twin.base.foreign import kind_of
 from twin.base.jobs import SecondProcess
 from twin.base.writing import write_json, write_whole
-from twin.emulator.injection import NOTED
+from twin.hal.supervisor import INJECTED_BEGIN
 from twin.identify.logs import Log, read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges, interpolate
 from twin.run.assemble import assemble, build_controller, build_reference, law_of
@@ -632,9 +632,9 @@ def _is_log(path: Path) -> bool:
 def _left_out(run: Run) -> Iterator[str]:
     """A sentence on the faults that a virtual rig had on demand; none without."""
     faults = [
-        f"{each['text'].removeprefix(NOTED)}, at {each['time']:g} s"
+        f"{each['text'].removeprefix(INJECTED_BEGIN)}, at {each['time']:g} s"
         for each in run.events
-        if each["text"].startswith(NOTED)
+        if each["text"].startswith(INJECTED_BEGIN)
     ]
     if faults:
         yield f"its faults are left out of what the twin simulates: {'; '.join(faults)}"
