@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import beside_commit, exact_plant, figures, measurements, realtime
+from benchmarks import beside_commit, exact_plant, figures, measurements, memory, realtime
 from benchmarks.__main__ import TEMPLATE
 from benchmarks.figures import GOALS, Figure, Goal
 from benchmarks.measurements import Measurement
@@ -93,3 +93,8 @@ def test_the_page_is_made_of_what_is_kept():
     template = TEMPLATE.read_text(encoding="utf-8")
     for text in template.split("{{")[1].partition("}}")[2], template.split("}}")[3]:
         assert text.strip() in page
+
+
+def test_the_largest_memory_of_a_process_is_its_own():
+    held = np.ones(25_000_000)  # 200 MB here, which Linux would count for what this process starts
+    assert memory.peak_mib("import sys", 1) < 50 < held.nbytes / 2**20
