@@ -8,8 +8,15 @@ from types import SimpleNamespace
 import pytest
 
 from twin.base.errors import ScenarioError
-from twin.emulator.injection import FAULTS, MATRIX_ROWS, fault_name, inject, plan_faults
-from twin.hal.supervisor import INJECTED, State
+from twin.emulator.injection import (
+    FAULTS,
+    INJECTED,
+    MATRIX_ROWS,
+    fault_name,
+    inject,
+    plan_faults,
+)
+from twin.hal.supervisor import State
 from twin.scenario import load
 
 

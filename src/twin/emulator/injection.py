@@ -14,9 +14,12 @@ from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.control import CONTROL_COMMANDS, BusControl, ControlError, place_of_touch
 from twin.emulator.drive import EmulatedDrive
+from twin.hal.interface import Condition, Severity
 from twin.hal.rig import Entry
-from twin.hal.supervisor import INJECTED, INJECTED_BEGIN, Note, State
+from twin.hal.supervisor import INJECTED_BEGIN, Note, State
 
+INJECTED = Condition("fault injected", Severity.WARNING, 0.0, "noted", "run without it")
+"""How an injected fault stands among the events of a run."""
 RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug")
 """Lines about the whole virtual rig."""
 RIG_NODES = (1, 2)

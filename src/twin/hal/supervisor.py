@@ -114,10 +114,8 @@ NOT_LEVELLING = Condition(
     "zero rate, then no torque",
     "check signs and scales of the plate encoders with `ballplate doctor --move`, then run again",
 )
-INJECTED = Condition("fault injected", Severity.WARNING, 0.0, "noted", "run without it")
-"""How a fault that a virtual rig was told to have stands among the events of a run."""
 INJECTED_BEGIN = "virtual rig: "
-"""How the text of such an event begins."""
+"""How the text of an event begins that notes a fault of a virtual rig on demand."""
 
 RIG_CONDITIONS = (
     BALL_OUTSIDE,
