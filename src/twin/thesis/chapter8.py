@@ -528,7 +528,7 @@ def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> The
     if deviation is not None and abs(deviation) > WORTH_A_NOTE and not known_not_to:
         remarks.append(row.causes.get(column))
     if not agrees and THESIS_COLUMNS[column].compared == "noise":
-        remarks.append("The thesis's value is outside the 5 to 95 % range of the seeds.")
+        remarks.append("Outside the 5 to 95 % range.")
     if column == "e_tt":
         remarks.append(known["fitted"])
     remarks += [f"{way}: {result.ended}." for way, result in mine.items() if result.ended]
