@@ -305,6 +305,21 @@ def test_groups_of_a_measurement_file_keep_their_times_and_units(tmp_path):
     np.testing.assert_allclose(axis.ball, X, atol=1e-12)
 
 
+def test_samples_that_a_measurement_file_marks_as_invalid_are_left_out(tmp_path):
+    from asammdf import MDF, Signal
+
+    lost = (T > 1) & (T < 1.5)
+    x = Signal(np.where(lost, 9.0, X), T, unit="m", name="x", invalidation_bits=lost)
+    with MDF() as file:
+        file.append([x, Signal(U, T, unit="rad", name="u")], common_timebase=True)
+        file.save(tmp_path / "a.mf4")
+    columns = wanted_columns("measured_x=x,command_phi=u")
+    axis = read_any(tmp_path / "a.mf4", columns).axes["x"]
+    np.testing.assert_allclose(axis.sampled, T[~lost], atol=1e-12)
+    np.testing.assert_array_equal(axis.ball, X[~lost])
+    assert len(axis.tilt) == len(T)
+
+
 @pytest.mark.parametrize(
     ("module", "ending"),
     [("h5py", ".h5"), ("openpyxl", ".xlsx"), ("nptdms", ".tdms"), ("asammdf", ".mf4")],

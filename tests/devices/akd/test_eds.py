@@ -158,6 +158,15 @@ def test_members_of_a_compact_array_have_their_names(tmp_path):
     assert found.objects[0x2400, 2].type == "I16"
 
 
+def test_members_of_a_compact_array_have_the_values_of_the_device(tmp_path):
+    text = SHEET + "[2400Value]\nNrOfEntries=2\n1=5\n3=0x10\n"
+    found = read_data_sheet(sheet(tmp_path, text, "a.dcf"))
+    assert {key: value.number for key, value in found.values.items()} == {
+        (0x2400, 1): 5,
+        (0x2400, 3): 16,
+    }
+
+
 def test_a_record_with_a_type_of_its_own_is_its_entries(tmp_path):
     text = SHEET.replace("ParameterName=TPDO 1\n", "ParameterName=TPDO 1\nDataType=0x20\n")
     found = read_data_sheet(sheet(tmp_path, text))
