@@ -218,7 +218,9 @@ def main() -> None:
     family = read_family(plan["family"]).parameters
 
     def between(key: str) -> str:
-        return "{:g} to {:g}".format(*family[key].uniform)
+        bounds = family[key].uniform
+        assert bounds is not None  # the family draws all that the page names from an interval
+        return "{:g} to {:g}".format(*bounds)
 
     words = {"said": said, "between": between, "record": RECORD}
     text = filled("cyberrunner", plan=plan, **words, **tables(plan))
