@@ -1,7 +1,7 @@
 """Counts the alarms that the shadow raises on simulated rigs that are well.
 
 uv run python docs/shadow_healthy.py --hours 24 --laws 0   makes shadow_healthy.md, AFL alone
-uv run python docs/shadow_healthy.py --hours 0 --laws 2    makes shadow_laws.md, all other laws
+uv run python docs/shadow_healthy.py --hours 0 --laws 0.4  makes shadow_laws.md, all other laws
 
 Rigs of the mechanism under AFL, with uneven and with even screens, and the former under every other
 law. What has been simulated is kept in runs/shadow_healthy and used again while the code stays the
@@ -229,7 +229,7 @@ def spent(rows: pd.DataFrame) -> list[float]:
     "--hours", type=click.FloatRange(min=0), default=24.0, help="Of each screens, under AFL."
 )
 @click.option(
-    "--laws", type=click.FloatRange(min=0), default=2.0, help="Hours under each other law."
+    "--laws", type=click.FloatRange(min=0), default=0.4, help="Hours under each other law."
 )
 @PROCESSES_OPTION
 def main(hours: float, laws: float, processes: int | None) -> None:
