@@ -7,8 +7,10 @@ Finished runs are kept in runs/cyberrunner and used again while code and scenari
 from __future__ import annotations
 
 import inspect
+import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
 from typing import Any
 
 import click
@@ -21,7 +23,7 @@ from docs.pages import HERE, driven, filled, kept, planned, said, write
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion
 from twin.scenario.schema import Scenario
-from twin.study.compiled import CompiledRig, compiled_runs, surface_of
+from twin.study.compiled import LANES, CompiledRig, compiled_runs, surface_of
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, c_code, code, controller_key, digest
 
@@ -57,10 +59,14 @@ def scenarios(
     return found
 
 
-def motion_of(scenario: Scenario) -> Motion | None:
-    """The motion of a rig in compiled code; None if the ball was lost."""
-    rig = CompiledRig(scenario, surface_of(scenario))
-    return compiled_runs(rig, controller_key(scenario)).run([rig])[0]
+def motions_of(runs: Sequence[Scenario]) -> Iterator[Motion | None]:
+    """Motions of rigs in compiled code, each until the next is asked for; None of a lost ball."""
+    rigs = (CompiledRig(each, surface_of(each)) for each in runs)
+    loops = ((compiled_runs(rig, controller_key(rig.scenario)), rig) for rig in rigs)
+    for loop, alike in itertools.groupby(loops, key=itemgetter(0)):
+        beside = [rig for _, rig in alike]
+        for first in range(0, len(beside), LANES):
+            yield from loop.run(beside[first : first + LANES])
 
 
 def errors(motion: Motion | None, during: Mask | None, path: Array | None) -> dict[str, Any]:
@@ -87,8 +93,7 @@ def errors(motion: Motion | None, during: Mask | None, path: Array | None) -> di
 def followed(runs: Sequence[Scenario], shape: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """How far the balls were from a shape in the laps, a list for each lap."""
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in LAPS}
-    for scenario in runs:
-        motion = motion_of(scenario)
+    for motion in motions_of(runs):
         for name, before in LAPS.items():
             if motion is None:
                 found[name].append(errors(None, None, None))
@@ -102,8 +107,7 @@ def followed(runs: Sequence[Scenario], shape: Mapping[str, Any]) -> dict[str, li
 def held(runs: Sequence[Scenario], after: float) -> list[dict[str, Any]]:
     """How far the balls were from the middle after a time in s."""
     found = []
-    for scenario in runs:
-        motion = motion_of(scenario)
+    for motion in motions_of(runs):
         during = None if motion is None else motion.time >= after
         found.append(errors(motion, during, np.zeros((1, 2))))
     return found
@@ -112,7 +116,7 @@ def held(runs: Sequence[Scenario], after: float) -> list[dict[str, Any]]:
 def known(name: str, runs: Sequence[Scenario], make: Any, *how: Any) -> Any:
     """What is kept of runs, else what is made of them."""
     about = "".join(each.model_dump_json() for each in runs)
-    own = " ".join(map(inspect.getsource, (make, motion_of, errors, driven)))
+    own = " ".join(map(inspect.getsource, (make, motions_of, errors, driven)))
     key = digest(f"{code()} {c_code()} {own} {name} {LAPS} {EVERY} {json.dumps(how)} {about}")
     return kept("cyberrunner", key, lambda: make(runs, *how))
 
@@ -169,7 +173,7 @@ def tables(plan: Mapping[str, Any]) -> dict[str, Any]:
     hold, shapes = plan["hold"], plan["shapes"]
     rigs = drawn(plan, plan["draw"], plan["count"])
     laws = [with_gains(plan, law) for law in plan["laws"]]
-    found: dict[str, Any] = {"laws": laws, "shapes": [], "hold": [], "causes": []}
+    found: dict[str, Any] = {"laws": laws, "shapes": [], "hold": [], "causes": [], "held": []}
 
     def timed(seconds: float) -> str:
         return f"duration={seconds:.2f}"
@@ -183,14 +187,17 @@ def tables(plan: Mapping[str, Any]) -> dict[str, Any]:
                 (shape["name"], lap, *row(law["name"], rows[lap], RECORD["median"])) for lap in LAPS
             ]
             click.echo(f"{shape['name']}: {law['name']}")
-    for law in laws:
-        more = [*hold["set"], *law.get("hold", []), timed(hold["seconds"])]
+
+    def hold_row(name: str, law: Mapping[str, Any], keys: Sequence[str]) -> tuple[str, ...]:
+        more = [*hold["set"], *law.get("hold", []), timed(hold["seconds"]), *keys]
         runs = scenarios(plan, law, more, rigs[: plan["holds"]])
-        rows = known("hold", runs, held, hold["from"])
-        found["hold"].append(row(law["name"], rows, RECORD["hold"]))
-        click.echo(f"hold: {law['name']}")
-    found["cured"] = next(each for each in found["hold"] if each[0] == CURE)
+        click.echo(f"hold: {name}")
+        return row(name, known("hold", runs, held, hold["from"]), RECORD["hold"])
+
+    found["hold"] = [hold_row(law["name"], law, []) for law in laws]
+    found["cured"] = {each[0]: each for each in found["hold"]}
     cure, few = next(law for law in laws if law["name"] == CURE), rigs[: plan["again"]]
+    found["held"] = [hold_row(cause, cure, plan["causes"][cause]) for cause in hold["causes"]]
     lap = timed(shapes[0]["start"] + (1 + max(LAPS.values())) * shapes[0]["lap"])
     for cause, keys in plan["causes"].items():
         turning = [*shapes[0]["set"], lap, *keys]
@@ -208,7 +215,15 @@ def tables(plan: Mapping[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Simulate what is not kept, then write the page."""
     plan = planned("cyberrunner")
-    text = filled("cyberrunner", plan=plan, record=RECORD, said=said, **tables(plan))
+    family = read_family(plan["family"]).parameters
+
+    def between(key: str) -> str:
+        bounds = family[key].uniform
+        assert bounds is not None  # the family draws all that the page names from an interval
+        return "{:g} to {:g}".format(*bounds)
+
+    words = {"said": said, "between": between, "record": RECORD}
+    text = filled("cyberrunner", plan=plan, **words, **tables(plan))
     write(HERE / "cyberrunner.md", text)
 
 

@@ -1,6 +1,7 @@
-"""Makes shadow_healthy.md: how often the shadow raises an alarm on simulated rigs that are well.
+"""Counts the alarms that the shadow raises on simulated rigs that are well.
 
-uv run python docs/shadow_healthy.py
+uv run python docs/shadow_healthy.py --hours 24 --laws 0   makes shadow_healthy.md, AFL alone
+uv run python docs/shadow_healthy.py --hours 0 --laws 0.4  makes shadow_laws.md, all other laws
 
 Rigs of the mechanism under AFL, with uneven and with even screens, and the former under every other
 law. What has been simulated is kept in runs/shadow_healthy and used again while the code stays the
@@ -49,6 +50,8 @@ ALLOWED_PER_H = 1 / 24
 """False alarms an hour that are allowed."""
 TESTS = ("every", "late")
 """Tests of which the largest log-likelihood ratio is kept: of all causes, of the dead time."""
+THRESHOLDS = (CHANGE_TEST.threshold_llr, DEAD_TIME_TEST.threshold_llr)
+"""Log-likelihood ratios at which they raise an alarm."""
 
 
 class Watched(NamedTuple):
@@ -166,40 +169,68 @@ def raised(rows: pd.DataFrame) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def page(found: Iterable[Mapping[str, Any]], command: str) -> str:
-    """The page in Markdown.
+def page_of_afl(found: Iterable[Mapping[str, Any]], command: str) -> str:
+    """The page of the rigs under AFL, in Markdown.
 
     Args:
-        found: What was said of every rig.
+        found: What was said of every one of them.
         command: That makes this page.
     """
     rows = pd.DataFrame(found)
-    own, others = rows[rows["law"] == LAW], rows[rows["law"] != LAW]
-    sorts = [counts(own[own["screens"] == screens], screens) for screens in SEEDS]
-    laws = [counts(others[others["law"] == law], law) for law in LAWS if law in {*others["law"]}]
     peaks = [
         (screens, *(f"{some[test].quantile(q):.1f}" for test in TESTS for q in (0.5, 0.99, 1.0)))
-        for screens, some in own.groupby("screens", sort=False)
+        for screens, some in rows.groupby("screens", sort=False)
     ]  # fmt: skip
-    spent = [3600 / RUN_S * float(own[name].mean()) for name in ("simulating", "watching")]
     return filled(
         "shadow_healthy",
         command=command,
         seconds=RUN_S,
         scenarios=HEALTHY_SCENARIOS,
-        sorts=[*sorts, counts(own, "both")],
-        laws=[*laws, counts(others, "all of these")] if laws else [],
+        sorts=[
+            *(counts(rows[rows["screens"] == each], each) for each in SEEDS),
+            counts(rows, "both"),
+        ],
         raised=raised(rows),
         peaks=peaks,
-        thresholds=(CHANGE_TEST.threshold_llr, DEAD_TIME_TEST.threshold_llr),
-        spent=spent,
+        thresholds=THRESHOLDS,
+        spent=spent(rows),
         needed=rates(0, 1.0)[1] / ALLOWED_PER_H,
     )
 
 
+def page_of_laws(found: Iterable[Mapping[str, Any]], command: str) -> str:
+    """The page of the rigs under all other laws, in Markdown; as `page_of_afl`."""
+    rows = pd.DataFrame(found)
+    laws = [
+        (*counts(some, law), *(f"{some[test].max():.1f}" for test in TESTS))
+        for law, some in rows.groupby("law", sort=False)
+    ]
+    return filled(
+        "shadow_laws",
+        command=command,
+        seconds=RUN_S,
+        scenarios=HEALTHY_SCENARIOS,
+        laws=laws,
+        every=(*counts(rows, "all"), *(f"{rows[test].max():.1f}" for test in TESTS)),
+        raised=raised(rows),
+        thresholds=THRESHOLDS,
+        unwatched=[row for row in rows.to_dict("records") if row["why"]],
+        spent=spent(rows),
+    )
+
+
+def spent(rows: pd.DataFrame) -> list[float]:
+    """Processor time in s that an hour of a rig takes to simulate, and to watch."""
+    return [3600 / RUN_S * float(rows[name].mean()) for name in ("simulating", "watching")]
+
+
 @click.command()
-@click.option("--hours", type=click.FloatRange(min=0.05), default=24.0, help="Of each screens.")
-@click.option("--laws", type=click.FloatRange(min=0), default=2.0, help="Hours under each law.")
+@click.option(
+    "--hours", type=click.FloatRange(min=0), default=24.0, help="Of each screens, under AFL."
+)
+@click.option(
+    "--laws", type=click.FloatRange(min=0), default=0.4, help="Hours under each other law."
+)
 @PROCESSES_OPTION
 def main(hours: float, laws: float, processes: int | None) -> None:
     """Watch healthy simulated rigs, and write how many false alarms there were."""
@@ -209,8 +240,13 @@ def main(hours: float, laws: float, processes: int | None) -> None:
         for done, (_, some) in enumerate(results(known, every, processes or cores())):
             found += some
             advance((done + 1) / len(every))
-    command = f"uv run python docs/shadow_healthy.py --hours {hours:g} --laws {laws:g}"
-    write(HERE / "shadow_healthy.md", page(found, command))
+    own, others = ([row for row in found if (row["law"] == LAW) == afl] for afl in (True, False))
+    command = "uv run python docs/shadow_healthy.py"
+    if own:
+        text = page_of_afl(own, f"{command} --hours {hours:g} --laws 0")
+        write(HERE / "shadow_healthy.md", text)
+    if others:
+        write(HERE / "shadow_laws.md", page_of_laws(others, f"{command} --hours 0 --laws {laws:g}"))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def test_hours_alarms_and_the_interval_of_the_rate_are_those_of_poisson():
     twice = [(7.0, ("level",)), (90.0, ("cams", "dead time"))]
     found = [watched(n, alarms=twice if n == 3 else ()) for n in range(40)]
     found += [watched(n, "uneven", length=HOUR) for n in range(24)]
-    text = healthy.page(found, "shadow_healthy.py")
+    text = healthy.page_of_afl(found, "shadow_healthy.py")
     # 2 alarms: 0.2422 to 7.2247, here of 2 h; none: at most -log(0.025) = 3.689, of 24 h
     assert rows_of(text, "even")[0] == [
         "even",
@@ -47,7 +47,17 @@ def test_hours_alarms_and_the_interval_of_the_rate_are_those_of_poisson():
         [LAW, "even", "excite", "3", "90", "cams, dead time"],
     ]
     assert "that takes 89 h" in text  # 3.689 * 24 = 88.5
-    assert "None was tried." in text
+
+
+def test_each_other_law_has_its_hours_alarms_and_largest_ratios():
+    found = [watched(n, "uneven", "pid", length=HOUR, largest=n / 2) for n in range(3)]
+    found += [watched(0, "uneven", "lqr", [(7.0, ("level",))], HOUR, 13.0)]
+    text = healthy.page_of_laws(found, "shadow_healthy.py")
+    none = ["pid", "3", "3.0", "0", "0 (0 to 29.5)", "not shown", "1.0", "0.5"]  # 24 * 3.689 / 3
+    assert rows_of(text, "pid") == [none]
+    assert rows_of(text, "all")[0][:4] == ["all", "4", "4.0", "1"]
+    assert rows_of(text, "lqr")[1] == ["lqr", "uneven", "excite", "0", "7", "level"]
+    assert "without a verdict" not in text
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_laps_are_those_of_the_shape_and_a_lost_ball_has_none(monkeypatch):
     away = circling(0.04, 0.0)
     ball = away.ball + np.where(away.time >= 4, 0.005, 0.0)[:, None] * away.ball / 0.04
     monkeypatch.setattr(page, "LAPS", {"first": 0, "third": 2})
-    monkeypatch.setattr(page, "motion_of", lambda run: run)
+    monkeypatch.setattr(page, "motions_of", iter)
     run = replace(away, ball=ball)
     found = page.followed([run, None], {"start": 1.0, "lap": 1.0})
     assert [each["median"] for each in found["first"]] == [pytest.approx(0, abs=1e-9), None]
@@ -95,7 +95,7 @@ def test_what_is_turned_off_gives_way_to_no_rig():
 def test_what_is_kept_is_of_the_functions_that_made_it(monkeypatch):
     keys = []
     monkeypatch.setattr(page, "kept", lambda _, key, make: keys.append(key))
-    for change in (None, "held", "motion_of"):
+    for change in (None, "held", "motions_of"):
         with monkeypatch.context() as changed:
             if change:
                 changed.setattr(page, change, page.errors)
