@@ -466,6 +466,17 @@ def test_a_transfer_that_the_host_gives_up_is_without_an_answer():
     assert (its.code, its.severity) == ("sdo-timeout", Severity.UNRESOLVED)
 
 
+def test_a_transfer_that_the_host_aborts_is_not_refused_by_the_device():
+    given_up = [*read(1.0, LIMIT), frame(1.5, 0x605, f"80{LIMIT}00000305")]
+    begun = frame(1.1, 0x585, f"41{LIMIT}0f000000")
+    (its,) = assessed(*BEATS, given_up[0], begun, given_up[-1]).findings
+    assert (its.code, its.severity) == ("sdo-unfinished", Severity.WARNING)
+    assert its.text == (
+        "reading 607Fh Maximum profile velocity: given up by the host, code 05030000h, "
+        "toggle bit not alternated"
+    )
+
+
 def test_a_refused_write_is_unresolved_and_a_refused_read_a_warning():
     (its,) = assessed(*BEATS, *refuse(1.0, LIMIT, "30000906", "23")).findings
     assert (its.code, its.severity) == ("sdo-refused", Severity.UNRESOLVED)
