@@ -225,19 +225,20 @@ def test_a_damaged_line_of_a_log_is_a_frame_exactly_if_the_whole_line_is_one(dat
     line = plain[:at] + new + plain[at + 1 :]
     found = list(read_candump_log([line], Notes()))
     match = LOG_LINE.match(line)
-    number = int(match[3], 16) if match else 0
-    wrong = match is None or (len(match[3]) == 3 and number > 0x7FF)
+    _, seconds, channel, shown, remote, _, content, way = match.groups() if match else [None] * 8
+    number = int(shown, 16) if match else 0
+    wrong = match is None or (len(shown) == 3 and number > 0x7FF)
     assert found == [None] if wrong else len(found) == 1
     if not wrong:
         (frame,) = found
-        assert frame.timestamp == float(match[1])
-        assert frame.channel == match[2]
+        assert frame.timestamp == float(seconds or 0.0)  # without a time it is number 0
+        assert frame.channel == channel
         assert frame.arbitration_id == number & 0x1FFFFFFF
-        assert frame.is_error_frame is (len(match[3]) == 8 and bool(number & 0x20000000))
-        assert frame.is_extended_id is (len(match[3]) == 8 and not frame.is_error_frame)
-        assert frame.is_remote_frame is bool(match[4])
-        assert frame.data == bytes.fromhex(match[6] or "")
-        assert frame.is_rx is (match[7] not in {"T", "t"})
+        assert frame.is_error_frame is (len(shown) == 8 and bool(number & 0x20000000))
+        assert frame.is_extended_id is (len(shown) == 8 and not frame.is_error_frame)
+        assert frame.is_remote_frame is bool(remote)
+        assert frame.data == bytes.fromhex((content or "").replace(".", ""))
+        assert frame.is_rx is (way not in {"T", "t"})
 
 
 READ = """
