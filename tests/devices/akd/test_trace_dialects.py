@@ -95,6 +95,23 @@ def test_every_dialect_may_be_packed_by_gzip(tmp_path, frames, name):
     ]
 
 
+@pytest.mark.long
+def test_a_measurement_file_is_read_where_asammdf_was_imported_before(tmp_path, frames):
+    skip_without_asammdf("a.mf4")
+    file = write_dialect(DIALECTS["python-can .mf4"], tmp_path, frames[:30])
+    script = """
+import sys
+import asammdf
+from pathlib import Path
+from twin.devices.akd.traces import read_trace
+print(len(read_trace(Path(sys.argv[1])).frames))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script, file], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "30\n"
+
+
 COPIED = {
     ".trc 1.0": lambda line: line,
     ".trc 1.1": lambda line: line,

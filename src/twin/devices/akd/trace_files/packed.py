@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import importlib
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,10 +44,15 @@ def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFra
 
 
 def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None]:
-    """Measurement files (.mf4), where asammdf is installed."""
-    import can  # noqa: PLC0415  takes 0.2 s
+    """Measurement files (.mf4), where asammdf is installed.
 
-    with _unpack(raw, file) as plain, can.MF4Reader(plain) as reader:
+    If asammdf was imported first, it imported python-can, which then took it for missing.
+    """
+    from can.io import mf4  # noqa: PLC0415  takes 0.2 s
+
+    if getattr(mf4, "asammdf", None) is None:
+        importlib.reload(mf4)
+    with _unpack(raw, file) as plain, mf4.MF4Reader(plain) as reader:
         yield from map(_of_message, reader)
 
 
