@@ -98,7 +98,7 @@ _FIRST_INDEX = 0x1000
 """Lowest index of an object that is no data type."""
 _SYNC_IDENTIFIER, _EMERGENCY_IDENTIFIER, _SDO_SERVERS = 0x1005, 0x1014, range(0x1200, 0x1280)
 """Objects with the identifiers of SYNC, of emergencies, and of SDO requests (1) and answers (2)."""
-_STORE, _STORE_KEYS = 0x6576_6173, ((0x1010, 1), (0x1010, 2))
+_STORE_WORD, _STORE_KEYS = 0x6576_6173, ((0x1010, 1), (0x1010, 2))
 """The word "save", and the objects that store the settings of PDOs when it is written to them."""
 _MAX_SHOWN_BYTES = 64
 """Bytes of a value that are shown; of a longer one their number is, too."""
@@ -285,7 +285,7 @@ class _Settings:
             self.described.add(number)
         if writes and of_pdo:
             self.unstored[number].setdefault(key, before)
-        elif writes and key in _STORE_KEYS and value == _STORE:
+        elif writes and key in _STORE_KEYS and value == _STORE_WORD:
             self.unstored.pop(number, None)
         identifier = value & 0x7FF
         if value & protocol.PDO_INVALID:

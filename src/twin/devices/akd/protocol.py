@@ -180,7 +180,7 @@ _CONTROL_WORDS = {
 
 
 def is_akd_product(code: int) -> bool:
-    """Whether a product code (1018h:2) is an AKD's: letters and digits; 0 says nothing.
+    """Whether a product code (1018h:2) is an AKD's: letters and digits; 0 is no code.
 
     Other drives with the same vendor (S300, S700, AKD2G, AX2000) have numbers.
     """

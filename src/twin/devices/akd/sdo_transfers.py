@@ -16,7 +16,7 @@ _BLOCK_STEPS = {BLOCK_UPLOAD: 3, BLOCK_DOWNLOAD: 1}
 _BLOCK_END, _BLOCK_ACKNOWLEDGED, _LAST_SEGMENT = 1, 2, 0x80
 """Steps of a block transfer, in bits 0 and 1 of the first byte; the bit of the last segment."""
 _ABORT_BYTE = 0x80
-"""First byte of an abort, which is that of no segment of a block."""
+"""First byte of an abort; no segment of a block begins so."""
 
 
 def begins_block(data: bytes) -> bool:

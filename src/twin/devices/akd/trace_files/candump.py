@@ -18,10 +18,10 @@ from twin.devices.akd.trace_files.frames import (
     classic_frame,
 )
 
-_TIME = r"(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.?\d*))\)\s+)?"
+_TIME_PATTERN = r"(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.?\d*))\)\s+)?"
 """A date or seconds in brackets, if there is a time."""
 LOG_LINE = re.compile(
-    rf"\s*{_TIME}(?:([^\s#]+)\s+)?([0-9A-Fa-f]{{3}}|[0-9A-Fa-f]{{8}})#"
+    rf"\s*{_TIME_PATTERN}(?:([^\s#]+)\s+)?([0-9A-Fa-f]{{3}}|[0-9A-Fa-f]{{8}})#"
     r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}\.?){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
 )
 _DROPPED_FRAMES = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
@@ -171,7 +171,7 @@ def without_colours(line: str) -> str:
 
 
 TERMINAL_LINE = re.compile(
-    rf"\s*{_TIME}(?:(\S+)\s+)?"
+    rf"\s*{_TIME_PATTERN}(?:(\S+)\s+)?"
     r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+[\[{](\d\d|[0-9A-F])[\]}]\s*(.*)$"
 )
 

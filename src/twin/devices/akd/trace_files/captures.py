@@ -23,7 +23,7 @@ from twin.devices.akd.trace_files.frames import (
 _SOCKETCAN, _SLL, _SLL2 = 227, 113, 276
 """Kinds of links: CAN alone, and any device, of which each packet states its protocol."""
 _HEADER_BYTES = {_SOCKETCAN: 0, _SLL: 16, _SLL2: 20}
-_OUTGOING = 4
+_OUTGOING_PACKET = 4
 """Type of a packet, in captures of any device, that the capturing computer sent."""
 _CAN_PROTOCOL = b"\x00\x0c"
 """The protocol of classic frames."""
@@ -76,7 +76,7 @@ def read_capture(raw: BinaryIO, _: Path, notes: Notes) -> Iterator[TracedFrame |
         if packet.link == _SLL2:
             channel = f"interface {int.from_bytes(content[4:8], 'big')}"
         kind = {_SLL: content[1:2], _SLL2: content[10:11]}.get(packet.link, b"")
-        sent = kind == bytes([_OUTGOING])
+        sent = kind == bytes([_OUTGOING_PACKET])
         yield _socketcan_frame(packet.time, mark, frame[4], frame[8:], channel, sent=sent)
 
 
