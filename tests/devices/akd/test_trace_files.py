@@ -2,9 +2,11 @@
 
 One conversation in the form of every program: the same frames come back, to its times."""
 
+import gc
 import gzip
 import re
 import struct
+import sys
 from datetime import UTC, datetime
 from itertools import pairwise
 
@@ -643,3 +645,14 @@ def test_frames_that_are_no_canopen_are_counted(tmp_path, capsys):
     assert code == 0
     assert "not decoded: 1 frames with 29-bit identifiers, no CANopen (705h)" in shown
     assert "not decoded: 1 frames of no known service (7E5h)" in shown
+
+
+def test_a_broken_measurement_file_is_refused_without_a_traceback(tmp_path, monkeypatch):
+    pytest.importorskip("asammdf")
+    ignored = []
+    monkeypatch.setattr(sys, "unraisablehook", ignored.append)
+    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(10))
+    with pytest.raises(LogError, match="no frame can be read"):
+        read_trace(tmp_path / "a.mf4")
+    gc.collect()
+    assert ignored == []

@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, BinaryIO
 
+from twin.base.finalisers import quiet_finalisers
 from twin.devices.akd.trace_files.frames import Notes, TracedFrame, classic_frame
 
 if TYPE_CHECKING:
@@ -52,8 +53,15 @@ def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None
 
     if getattr(mf4, "asammdf", None) is None:
         importlib.reload(mf4)
-    with _unpack(raw, file) as plain, mf4.MF4Reader(plain) as reader:
-        yield from map(_of_message, reader)
+    found, problem = list[TracedFrame | None](), ""
+    try:
+        with quiet_finalisers(), _unpack(raw, file) as plain, mf4.MF4Reader(plain) as reader:
+            found.extend(map(_of_message, reader))
+    except ValueError as error:
+        problem = str(error)
+    yield from found
+    if problem:
+        raise ValueError(problem)
 
 
 def _of_message(message: can.Message) -> TracedFrame | None:
