@@ -838,6 +838,20 @@ def test_a_guard_request_without_an_answer_is_found():
     assert one("guard-unanswered", *guarded(*range(30, 60))).severity is Severity.UNRESOLVED
 
 
+def test_a_guarded_node_that_nobody_asks_is_not_lost():
+    """CiA 301: a guarded node answers remote requests, and sends nothing by itself."""
+    asked = guarded()
+    others = every(0.02, 0.0, 8.0, 0x707, "05")
+    assert found(*without(asked, 2.05, 4.05), *others) == []
+    assert found(*without(asked, 3.05), *others) == []
+    told = Conversation(sorted([*asked, *others], key=lambda each: each.timestamp))
+    assert told.nodes[5].frames == {"guard answer": 60}
+    assert told.nodes[5].states == ["operational"]
+    assert "heartbeat of node 5" not in told.summary()["regular"]
+    beats = [each for each in asked if not each.is_remote_frame]
+    assert one("node-lost", *without(beats, 3.05), *others).node == 5
+
+
 def test_a_toggle_bit_that_does_not_alternate_is_a_warning():
     (its,) = assessed(*guarded(stuck=[30])).findings
     assert (its.code, its.severity) == ("guard-toggle", Severity.WARNING)

@@ -360,6 +360,7 @@ class Conversation:
         self._layouts: dict[tuple[int, str], tuple[int, list[_Entry]]] = {}
         self._no_pdo: set[int] = set()
         self._settings = _Settings()
+        self._asked: set[int] = set()  # for their life (node guarding), and have not answered
         self._identified: set[tuple[int, int]] = set()
         self._last: dict[object, object] = {}
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
@@ -685,6 +686,7 @@ class Conversation:
             node = identifier - protocol.HEARTBEAT
             if 0 < node <= protocol.NODE_MASK:
                 self.observed.guards[node].append(at, self._frame)
+                self._asked.add(node)
         elif identifier == protocol.NMT and len(data) == 2 and data[1] <= protocol.NODE_MASK:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
@@ -715,7 +717,8 @@ class Conversation:
             self._transfer(at, number, data, asks=True)
         else:
             node = self._node(number)
-            node.frames[kind] += 1
+            guarded = service == protocol.HEARTBEAT and number in self._asked
+            node.frames["guard answer" if guarded else kind] += 1
             self.observed.sent_by[number].append(at, self._frame)
             if service == protocol.EMERGENCY:
                 message = protocol.decode_emergency(data)
@@ -733,8 +736,9 @@ class Conversation:
 
     def _heartbeat(self, at: float, number: int, state: int) -> None:
         node, words = self._node(number), protocol.nmt_words(state)
-        if state:
+        if state and number not in self._asked:  # what is asked for is regular only as the asking
             self.observed.streams[StreamKey(number, "heartbeat")].append(at, self._frame)
+        self._asked.discard(number)
         if not state or node.states[-1:] != [words]:
             node.states.append(words)
             self.observed.network[number].append(Change(at, self._frame, state))
