@@ -782,9 +782,10 @@ BOOT, PDO_BEFORE, PDO_AFTER = (
     [
         (TORQUE, [0x237], [0x237]),
         ([*TORQUE, *STORED], [0x237, 0x237], None),
+        ([*TORQUE, *STORED, *writes(5, 0x1011, 1, "6c6f6164")], [0x237], [0x237]),
         ([*reads(5, 0x1A00, 1, "10007760"), *reads(5, 0x1A00, 0, "01")], [0x237, 0x237], None),
     ],
-    ids=["written", "written and stored", "read"],
+    ids=["written", "written and stored", "restored", "read"],
 )
 def test_a_node_that_boots_has_the_pdos_that_it_stored(settings, torques, states):
     """CiA 301, 7.3.2.2: on a reset parameters have their power-on values, those last stored."""

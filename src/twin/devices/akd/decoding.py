@@ -100,6 +100,8 @@ _SYNC_IDENTIFIER, _EMERGENCY_IDENTIFIER, _SDO_SERVERS = 0x1005, 0x1014, range(0x
 """Objects with the identifiers of SYNC, of emergencies, and of SDO requests (1) and answers (2)."""
 _STORE_WORD, _STORE_KEYS = 0x6576_6173, ((0x1010, 1), (0x1010, 2))
 """The word "save", and the objects that store the settings of PDOs when it is written to them."""
+_RESTORE_WORD, _RESTORE_KEYS = 0x6461_6F6C, ((0x1011, 1), (0x1011, 2))
+"""The word "load", and the objects that let the next boot restore their defaults."""
 _MAX_SHOWN_BYTES = 64
 """Bytes of a value that are shown; of a longer one their number is, too."""
 _MAX_OPEN_TRANSFERS = 50
@@ -260,6 +262,7 @@ class _Settings:
         moved: Service and node of identifiers that are not the usual ones of a node.
         described: Nodes of which the trace shows objects of a profile, or what a PDO carries.
         unstored: Settings of PDOs before they were written, by node, if not stored since.
+        restored: Nodes that have the defaults of PDOs from their next boot on.
     """
 
     syncs: set[int] = field(default_factory=lambda: {protocol.SYNC})
@@ -268,6 +271,7 @@ class _Settings:
     unstored: defaultdict[int, dict[Key, int | None]] = field(
         default_factory=lambda: defaultdict(dict)
     )
+    restored: set[int] = field(default_factory=set)
 
     def keep(self, number: int, key: Key, value: int, before: int | None, *, writes: bool) -> None:
         """Take in the value of an object of a node.
@@ -287,6 +291,8 @@ class _Settings:
             self.unstored[number].setdefault(key, before)
         elif writes and key in _STORE_KEYS and value == _STORE_WORD:
             self.unstored.pop(number, None)
+        elif writes and key in _RESTORE_KEYS and value == _RESTORE_WORD:
+            self.restored.add(number)
         identifier = value & 0x7FF
         if value & protocol.PDO_INVALID:
             return
@@ -747,8 +753,16 @@ class Conversation:
             self._forget_settings(number)
 
     def _forget_settings(self, number: int) -> None:
-        """Take back the settings of PDOs that a node was given and did not store: it has booted."""
+        """Take back the settings of PDOs that a node has no more as it boots.
+
+        These are the ones that it was given and did not store, all if it was to restore defaults.
+        """
         before, values = self._settings.unstored.pop(number, {}), self.values[number]
+        if number in self._settings.restored:
+            self._settings.restored.remove(number)
+            known = self._known_of(number)
+            its = [key for key in values if key[0] in protocol.PDO_PARAMETER_INDICES]
+            before = {key: known.get(key) for key in its}
         for key, value in before.items():
             self._identified.discard((number, key[0]))
             if value is None:
