@@ -271,12 +271,12 @@ def test_two_submissions_of_a_student_cost_no_other_mark(lab: Lab, handed_in: Pa
     put(handed_in / "ann" / "answer.toml")
     put(handed_in / "ann.toml")
     put(handed_in / "anon_1_2_answer.toml")
-    put(handed_in / "anon_3_4_answer.toml")
+    put(handed_in / "anon_1_4_answer.toml")
     put(handed_in / "zoe.toml")
     found = graded(lab, handed_in)
     assert found["zoe"]["score"] == "4.0"
     assert found["ann"]["problem"] == "two submissions: ann, ann.toml; keep one of them"
-    assert found["anon"]["problem"].startswith("two submissions: anon_1_2_answer.toml, anon_3_4_")
+    assert found["anon"]["problem"].startswith("two submissions: anon_1_2_answer.toml, anon_1_4_")
 
 
 def test_what_lies_there_and_is_no_submission_is_named(lab: Lab, handed_in: Path) -> None:
@@ -382,3 +382,52 @@ def test_a_file_that_names_no_student_is_nobody_s(lab: Lab, handed_in: Path, nam
     ]
     put(handed_in / "answer.toml")
     assert len(collect(lab, handed_in, ["ann", Path(name).stem]).submissions) == 2
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("{}_11_assignsubmission_file_/answer.toml", "{}_22_assignsubmission_file_/answer.toml"),
+        ("{}_11_assignsubmission_file_answer.toml", "{}_22_assignsubmission_file_answer.toml"),
+        ("{}_11_901_answer.toml", "{}_LATE_22_902_answer.toml"),
+    ],
+)
+def test_namesakes_of_a_course_system_are_two_students(
+    lab: Lab, handed_in: Path, names: tuple[str, str]
+) -> None:
+    """A class whose names are hidden is all Participant; the system's number tells who it is."""
+    put(handed_in / names[0].format("Participant"))
+    put(handed_in / names[1].format("Participant"), BAD)
+    found = graded(lab, handed_in)
+    assert [(name, row["score"], row["problem"]) for name, row in found.items()] == [
+        ("Participant_11", "4.0", ""),
+        ("Participant_22", "0.0", ""),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("folder", "inner"), [("lab1-ann", ".git"), ("lab1-ann", ".github"), ("Lee_Ann_ann_4711", "")]
+)
+def test_a_system_s_folder_belongs_to_the_student_whom_it_names(
+    lab: Lab, handed_in: Path, folder: str, inner: str
+) -> None:
+    put(handed_in / folder / "answer.toml")
+    (handed_in / folder / inner).mkdir(exist_ok=True)
+    assert [each.student for each in collect(lab, handed_in).submissions] == [folder]
+    found = graded(lab, handed_in, ["ann", "lee", "n"])
+    assert {name: row["score"] for name, row in found.items()} == {
+        "ann": "4.0",
+        "lee": "0.0",
+        "n": "0.0",
+    }
+
+
+def test_a_hyphenated_name_is_nobody_elses(lab: Lab, handed_in: Path) -> None:
+    put(handed_in / "mary-ann" / "answer.toml")
+    assert "not in the class" in graded(lab, handed_in, ["ann"])["mary-ann"]["problem"]
+
+
+def test_a_packed_answer_is_to_be_unpacked_whatever_its_name(lab: Lab, handed_in: Path) -> None:
+    put(handed_in / "ann" / "answer.zip")
+    (found,) = collect(lab, handed_in).submissions
+    assert found.problem == "no answer.toml; there is answer.zip: unpack it"

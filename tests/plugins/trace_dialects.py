@@ -4,7 +4,7 @@ import gzip
 import sqlite3
 import struct
 from collections.abc import Callable
-from datetime import datetime
+from datetime import UTC, datetime
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -70,30 +70,29 @@ def differences(times, digits=6):
 # candump, as can-utils/candump.c and lib.c print
 
 
-def candump_log(extra=False):
-    def text(frames):
-        return "".join(
-            f"({each.timestamp:017.6f}) can0 {identifier(each)}#{hexadecimal(each, '')}"
-            f"{(' R' if each.is_rx else ' T') if extra else ''}\n"
-            for each in frames
-        )
+STAMPS = {
+    "": lambda frames: [""] * len(frames),
+    "a": lambda frames: [f"({each.timestamp:017.6f}) " for each in frames],
+    "N": lambda frames: [f"({each.timestamp:020.9f}) " for each in frames],
+    "z": lambda frames: [f"({each:010.6f}) " for each in since_first(frames)],
+    "d": lambda frames: [f"({each:010.6f}) " for each in differences(since_first(frames))],
+    "A": lambda frames: [
+        f"({datetime.fromtimestamp(each.timestamp).isoformat(' ', 'microseconds')}) "
+        for each in frames
+    ],
+}
+"""The times of candump, by its option -t, and those of -N."""
 
-    return text
+
+def candump_log(mode="a", *, extra=False):
+    return lambda frames: "".join(
+        f"{stamp}can0 {identifier(each)}#{hexadecimal(each, '')}"
+        f"{(' R' if each.is_rx else ' T') if extra else ''}\n"
+        for stamp, each in zip(STAMPS[mode](frames), frames, strict=True)
+    )
 
 
 def candump_terminal(mode="", *, extra=False, body="[{count}] {data}", after=""):
-    stamps = {
-        "": lambda frames: [""] * len(frames),
-        "a": lambda frames: [f"({each.timestamp:017.6f}) " for each in frames],
-        "N": lambda frames: [f"({each.timestamp:020.9f}) " for each in frames],
-        "z": lambda frames: [f"({each:010.6f}) " for each in since_first(frames)],
-        "d": lambda frames: [f"({each:010.6f}) " for each in differences(since_first(frames))],
-        "A": lambda frames: [
-            f"({datetime.fromtimestamp(each.timestamp).isoformat(' ', 'microseconds')}) "
-            for each in frames
-        ],
-    }
-
     def line(each):
         way = ("  RX - -" if each.is_rx else "  TX - -") if extra else ""
         shown = body.format(
@@ -105,7 +104,7 @@ def candump_terminal(mode="", *, extra=False, body="[{count}] {data}", after="")
         return f" can0{way}  {identifier(each):>8}   {shown}{after}\n"
 
     return lambda frames: "".join(
-        f" {stamp}{line(each)}" for stamp, each in zip(stamps[mode](frames), frames, strict=True)
+        f" {stamp}{line(each)}" for stamp, each in zip(STAMPS[mode](frames), frames, strict=True)
     )
 
 
@@ -307,6 +306,59 @@ def pcapng(order="<", power=None, link=SOCKETCAN, names=("",)):
     return made
 
 
+# loggers and analysers
+
+
+def cl2000(frames):
+    """As the manual of CL1000 and CL2000 (CSS Electronics) has it, time format 4."""
+    rows = ["# Logger type: CL2000", "# Time format: 4", '# Value separator: ";"']
+    rows.append("Timestamp;Type;ID;Data")
+    for each in frames:
+        date = datetime.fromtimestamp(round(each.timestamp, 3), UTC)
+        stamp = f"{date:%dT%H%M%S}{date.microsecond // 1000:03d}"
+        kind = each.is_extended_id + 8 * (not each.is_rx)
+        data = bytes(each.data).hex()
+        rows.append(f"{stamp};{kind};{each.arbitration_id:x};{data}")
+    return "\n".join(rows) + "\n"
+
+
+def canedge(frames):
+    """As its converter writes what a CANedge recorded."""
+    rows = ["TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes"]
+    rows += [
+        f"{each.timestamp:.6f};1;{each.arbitration_id:x};{each.is_extended_id:d};{each.dlc};"
+        f"{each.dlc};{not each.is_rx:d};0;0;0;0;{bytes(each.data).hex()}"
+        for each in frames
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def saleae(frames):
+    """As Logic 2 exports the table of its analyser of CAN: each field of a frame in a row."""
+    rows = ["name,type,start_time,duration,ack,crc,data,extended,identifier,num_data_bytes"]
+    for each, time in zip(frames, since_first(frames), strict=True):
+        extended = "true" if each.is_extended_id else ""
+        rows.append(
+            f'"CAN","identifier_field",{time:.9f},2e-05,,,,{extended},0x{each.arbitration_id:08X},'
+        )
+        rows.append(f'"CAN","control_field",{time + 1e-5:.9f},1e-05,,,,,,0x{each.dlc:02X}')
+        rows += [f'"CAN","data_field",{time + 2e-5:.9f},8e-06,,,0x{b:02X},,,' for b in each.data]
+        rows.append(f'"CAN","crc_field",{time + 9e-5:.9f},2e-05,,0x1234,,,,')
+        rows.append(f'"CAN","ack_field",{time + 1e-4:.9f},2e-06,true,,,,,')
+    return "\n".join(rows) + "\n"
+
+
+def slcan(*, timed):
+    """As adapters of Lawicel's protocol send frames, with a clock of 60 s or without."""
+
+    def line(each):
+        stamp = f"{round(1e3 * each.timestamp) % 60_000:04X}" if timed else ""
+        kind = "T" if each.is_extended_id else "t"
+        return f"{kind}{identifier(each)}{each.dlc}{hexadecimal(each, '')}{stamp}\r"
+
+    return lambda frames: "".join(map(line, frames)) + "\n"
+
+
 # python-can
 
 
@@ -350,20 +402,18 @@ def database(frames):
     return write
 
 
-ADDED_UP = ("they are added up",)
+ADDED_UP, NUMBERED = ("they are added up",), ("frames are numbered in their place",)
 DIALECTS = {
     "candump -L": Dialect("a.log", candump_log()),
     "candump -L without its ending": Dialect("trace", candump_log()),
     "candump -L -x": Dialect("a.log", candump_log(extra=True)),
-    "candump": Dialect(
-        "a.log", candump_terminal(), timed=False, remarks=("frames are numbered in their place",)
-    ),
-    "candump -x": Dialect(
-        "a.log",
-        candump_terminal(extra=True),
-        timed=False,
-        remarks=("frames are numbered in their place",),
-    ),
+    "candump -L -N": Dialect("a.log", candump_log("N")),
+    "candump -L -tz": Dialect("a.log", candump_log("z")),
+    "candump -L -td": Dialect("a.log", candump_log("d"), remarks=ADDED_UP),
+    "candump -L -tA -x": Dialect("a.log", candump_log("A", extra=True)),
+    "candump -L without times": Dialect("a.log", candump_log(""), timed=False, remarks=NUMBERED),
+    "candump": Dialect("a.log", candump_terminal(), timed=False, remarks=NUMBERED),
+    "candump -x": Dialect("a.log", candump_terminal(extra=True), timed=False, remarks=NUMBERED),
     "candump -ta": Dialect("a.log", candump_terminal("a")),
     "candump -td": Dialect("a.log", candump_terminal("d"), remarks=ADDED_UP),
     "candump -tz": Dialect("a.log", candump_terminal("z")),
@@ -404,6 +454,11 @@ DIALECTS = {
     "Kvaser": Dialect("a.csv", kvaser_table(16)),
     "Kvaser, decimal": Dialect("a.csv", kvaser_table(10)),
     "CanKing": Dialect("a.txt", canking),
+    "CL2000": Dialect("a.txt", cl2000, 1e-3),
+    "CANedge": Dialect("a.csv", canedge),
+    "Saleae": Dialect("a.csv", saleae),
+    "slcan": Dialect("a.txt", slcan(timed=True), 1e-3),
+    "slcan without times": Dialect("a.log", slcan(timed=False), timed=False, remarks=NUMBERED),
     "pcap": Dialect("a.pcap", pcap()),
     "pcap without its ending": Dialect("a.log", pcap()),
     "pcap, other order, ns": Dialect("a.pcap", pcap(">", 0xA1B23C4D, unit=1e-9)),
@@ -421,6 +476,7 @@ DIALECTS = {
     "python-can .db": Dialect("a.db", database, remarks=("of the bus may be missing",)),
     "python-can .log": Dialect("a.log", python_can),
     "python-can .trc": Dialect("a.trc", python_can),
+    "python-can .txt": Dialect("a.txt", python_can),
     "python-can .mf4": Dialect("a.mf4", python_can),
 }
 """Every format that is read."""

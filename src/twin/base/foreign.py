@@ -69,7 +69,7 @@ _BYTE_ORDER_MARKS = {
 """Marks at the beginning of a text, and its encoding."""
 _MIN_WIDE_SHARE = 0.7
 """Share of zeros in every second byte above which a text without a mark is UTF-16."""
-_CONTROL_BYTES = bytes({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"})
+_CONTROL_BYTES = bytes({*range(32)} - {*b"\a\t\n\v\f\r\x1a\x1b"})
 """Bytes that are in no text of eight bits."""
 _MOST_UNPRINTED = 0.02
 """Share of such bytes that a text may have by mishap."""

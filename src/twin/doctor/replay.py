@@ -116,7 +116,7 @@ def replay(
         vendor = recorded.values[number].get((0x1018, 1), protocol.AKD_VENDOR_ID)
         if vendor != protocol.AKD_VENDOR_ID:
             remarks.append(f"{node.name}: no AKD, its vendor is {vendor:X}h: not replayed")
-        elif node.frames.keys() - {"heartbeat"}:
+        elif node.frames.keys() - {"heartbeat", "guard answer"}:
             drives[number] = EmulatedDrive(number)
     if not drives:
         raise LogError("; ".join(remarks) or "no drive sends anything, so nothing can be replayed")

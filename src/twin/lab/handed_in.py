@@ -34,11 +34,16 @@ MAX_NAMED_FILES = 3
 """Files that a message names."""
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
 MOODLE_NAME = re.compile(
-    r"(?P<student>.+?)_\d+_assignsubmission_(?:file|onlinetext)_?(?P<file>.*)", re.DOTALL
+    r"(?P<student>.+?)_(?P<number>\d+)_assignsubmission_(?:file|onlinetext)_?(?P<file>.*)",
+    re.DOTALL,
 )
 """Moodle's ``FULL NAME_12345_assignsubmission_file_``: a folder, or a file's beginning."""
-CANVAS_NAME = re.compile(r"(?P<student>[^_]+)(?:_(?i:late))?_\d+_\d+_(?P<file>.+)", re.DOTALL)
+CANVAS_NAME = re.compile(
+    r"(?P<student>[^_]+)(?:_(?i:late))?_(?P<number>\d+)_\d+_(?P<file>.+)", re.DOTALL
+)
 """Canvas's ``NAME_12345_67890_FILE``, with ``_LATE`` after the name for an overdue one."""
+CLASSROOM_FOLDERS = (".git", ".github")
+"""Folders in the folder ``LAB-NAME`` of GitHub Classroom."""
 REPEATED_NAME = re.compile(r"(?P<stem>.+?)-(?P<number>\d+)(?P<suffix>\.[^.]+)", re.DOTALL)
 """Canvas's name of a file that was handed in again: ``answer-1.py``."""
 
@@ -142,7 +147,8 @@ def missing(about: AnswerTable, answer: Path) -> str:
             names = [shorten(printable(each.as_posix())) for each in alike[:MAX_NAMED_FILES]]
             others = len(alike) - MAX_NAMED_FILES
             more = f" and {others} more" if others > 0 else ""
-            unpack = ": unpack it" if alike is ranked[3] else ""
+            packed = all(each.suffix.casefold() in ARCHIVE_SUFFIXES for each in alike)
+            unpack = ": unpack it" if packed else ""
             return f"{here}; there is {', '.join(names)}{more}{unpack}"
     return f"{here}; there is nothing else" if not files else here
 
@@ -188,6 +194,12 @@ def collect(lab: Lab, folder: Path, people: Collection[str] = ()) -> Collected:
             entries[_student_of(lab.answer, path, people)].append(path)
         except ScenarioError as error:
             left_out.append(f"{shorten(printable(path.name))}: {error}")
+    for name, paths in list(entries.items()):
+        numbers = {path: _number_of(path) for path in paths}
+        if len({*numbers.values()} - {""}) > 1:  # namesakes, or a class without names
+            del entries[name]
+            for path, number in numbers.items():
+                entries[f"{name}_{number}".rstrip("_")].append(path)
     if not entries:
         raise ScenarioError(f"{folder}: holds no submission, a folder or a file for each student")
     found = [_submission(lab.answer, name, paths) for name, paths in entries.items()]
@@ -203,12 +215,11 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
     name, mode = path.name, path.lstat().st_mode
     if name.startswith(".") or name == "__MACOSX":
         raise ScenarioError("belongs to the course system")
-    canvas = None if stat.S_ISDIR(mode) else CANVAS_NAME.fullmatch(name)
-    if systems := MOODLE_NAME.fullmatch(name) or canvas:
+    if systems := _system_name(path):
         full = unicodedata.normalize("NFC", systems["student"]).strip()
         return re.sub(r"[^\w.@+-]+", "_", full)  # O'Neil is O_Neil
     if stat.S_ISDIR(mode):
-        return _name(name)
+        return _in_class(path, people)
     nobodys = name.casefold() in {about.file.casefold(), RIG_FILE}
     if nobodys and _name(path.stem) not in people and stat.S_ISREG(mode):
         raise ScenarioError("names no student: folders and files must have the student's name")
@@ -221,6 +232,35 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
         raise ScenarioError("is an archive: unpack it")
     kind = f"nor a {Path(about.file).suffix} file" if stat.S_ISREG(mode) else "nor a regular file"
     raise ScenarioError(f"is neither a folder {kind}")
+
+
+def _system_name(path: Path) -> re.Match[str] | None:
+    """The parts of a name that Moodle or Canvas gave; None for any other name."""
+    canvas = None if stat.S_ISDIR(path.lstat().st_mode) else CANVAS_NAME.fullmatch(path.name)
+    return MOODLE_NAME.fullmatch(path.name) or canvas
+
+
+def _number_of(path: Path) -> str:
+    """The number of a student in a course system; empty if an entry's name has none."""
+    systems = _system_name(path)
+    return systems["number"] if systems else ""
+
+
+def _in_class(folder: Path, people: Collection[str]) -> str:
+    """The student of a folder: by name, or the one of the class whom a system's name contains.
+
+    GitHub Classroom writes ``LAB-NAME``, ILIAS ``SURNAME_FIRSTNAME_NAME_4711``.
+    """
+    name = _name(folder.name)
+    repository = any((folder / each).is_dir() for each in CLASSROOM_FOLDERS)
+    login = re.fullmatch(r".+?_(.+)_\d+", name)
+    found = [
+        each
+        for each in people
+        if (repository and name.endswith(f"-{each}"))
+        or (login and f"_{login[1]}".endswith(f"_{each}"))
+    ]
+    return name if name in people else max(found, key=len, default=name)
 
 
 def _name(text: str) -> str:

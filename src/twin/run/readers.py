@@ -6,15 +6,11 @@ size of the data before it reads them.
 
 from __future__ import annotations
 
-import gc
 import math
 import struct
-import sys
-import traceback
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time, timedelta
 from pathlib import Path
@@ -24,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, one_line
+from twin.base.errors import LogError
+from twin.base.finalisers import quiet_finalisers
 from twin.base.parts import extra
 from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
 
@@ -490,7 +487,7 @@ def read_mdf(path: Path) -> ForeignTable:
     columns: dict[str, Array | list[str]] = {}
     units: dict[str, str] = {}
     clocks: dict[str, Array] = {}
-    with _quiet_finalisers(), path.open("rb") as opened, MDF(opened) as file:
+    with quiet_finalisers(), path.open("rb") as opened, MDF(opened) as file:
         groups: list[Any] = list(file.groups)
         rows = [group.channel_group.cycles_nr for group in groups]
         every = [
@@ -513,26 +510,3 @@ def read_mdf(path: Path) -> ForeignTable:
             if signal.unit:
                 units[own] = str(signal.unit)
     return ForeignTable(columns, units, clocks=clocks)
-
-
-@contextmanager
-def _quiet_finalisers() -> Iterator[None]:
-    """Keep objects that a broken file left half made from printing an error when they are deleted.
-
-    Raises:
-        ValueError: What was raised inside, without the objects that its traceback holds.
-    """
-    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    message = ""
-    try:
-        yield
-    except OSError:
-        raise
-    except Exception as error:  # noqa: BLE001  asammdf raises whatever its parsing meets
-        message = one_line(error) or type(error).__name__
-        traceback.clear_frames(error.__traceback__)
-    finally:
-        gc.collect()
-        sys.unraisablehook = hook
-    if message:
-        raise ValueError(message)

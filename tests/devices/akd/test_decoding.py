@@ -297,6 +297,16 @@ def reads(node, index, sub, data):
     return found
 
 
+def writes(node, index, sub, data):
+    """A request to write at most four bytes and its answer; ``data`` in hex."""
+    key, raw = f"{index.to_bytes(2, 'little').hex()}{sub:02x}", bytes.fromhex(data)
+    command = 0x23 | (4 - len(raw)) << 2
+    return [
+        frame(0.1, 0x600 + node, f"{command:02x}{key}{raw.ljust(4, bytes(1)).hex()}"),
+        frame(0.1, 0x580 + node, f"60{key}00000000"),
+    ]
+
+
 def numbers(index, sub, value):
     return reads(5, index, sub, value.to_bytes(4, "little").hex())
 
@@ -628,3 +638,185 @@ def test_layer_setting_services_are_read(identifier, data, who, words):
     assert event.kind == "LSS"
     assert event.who.startswith(who)
     assert event.text == words
+
+
+def sdo(*rows):
+    """Frames of an SDO channel of node 5, 10 ms apart: ``>`` and its bytes of a client."""
+    return [
+        frame(0.01 * k, 0x605 if row[0] == ">" else 0x585, row[1:].ljust(16, "0"))
+        for k, row in enumerate(rows)
+    ]
+
+
+def block(text, *, writes=False, index=0x1008, size=127):
+    """A block transfer of CiA 301 (7.2.4.3.9 to 7.2.4.3.16), the blocks of so many segments."""
+    key = f"{index & 0xFF:02x}{index >> 8:02x}00"
+    pieces = [text[k : k + 7] for k in range(0, len(text), 7)]
+    spare = (7 - len(text) % 7) % 7
+    sender, receiver = "><" if writes else "<>"
+    length = len(text).to_bytes(4, "little").hex()
+    rows = [f">c2{key}{length}", f"<a0{key}{size:02x}"] if writes else [
+        f">a0{key}{size:02x}", f"<c2{key}{length}", ">a3"
+    ]  # fmt: skip
+    for begin in range(0, len(pieces), size):
+        part = pieces[begin : begin + size]
+        for number, piece in enumerate(part, 1):
+            last = begin + number == len(pieces)
+            rows.append(f"{sender}{number | 0x80 * last:02x}{piece.hex()}")
+        rows.append(f"{receiver}a2{len(part):02x}{size:02x}")
+    rows += [f"{sender}{0xC1 | spare << 2:02x}", f"{receiver}a1"]
+    return sdo(*rows)
+
+
+@pytest.mark.parametrize("count", [1, 6, 7, 8, 13, 14, 889, 890, 2000])
+@pytest.mark.parametrize("writes", [False, True])
+@pytest.mark.parametrize("size", [1, 2, 127])
+def test_a_block_transfer_is_one_transfer_with_its_bytes(count, writes, size):
+    data = bytes(0x21 + k % 90 for k in range(count))
+    heard = block(data, writes=writes, size=size)
+    after = [frame(99.0, 0x605, "4064600000000000"), frame(99.1, 0x585, "4364600005000000")]
+    told = said(*heard, *after)
+    assert [each.good for each in told.observed.transfers] == [True, True]
+    assert [each.key for each in told.observed.transfers] == [(0x1008, 0), (0x6064, 0)]
+    assert (told.observed.strays, told.strangers.total()) == ([], 0)
+    first, second = texts(told, "SDO")
+    what = "writes 1008h Device name to" if writes else "reads 1008h Device name of"
+    assert first == f'{what} node 5: "{data.decode()}"'
+    assert second == "reads 6064h Position actual of node 5: 5"
+
+
+def test_a_block_is_decoded_by_the_type_of_its_object():
+    told = said(*block(b"\xfe\xff\xff\xff", index=0x6064))
+    assert texts(told, "SDO") == ["reads 6064h Position actual of node 5: -2"]
+    long = said(*block(bytes(range(200)), index=0x2100))
+    (shown,) = texts(long, "SDO")
+    assert shown == f"reads 2100h of node 5: {bytes(range(64)).hex(' ')} ... (200 bytes)"
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (("<01454c4d4f204272", "<8261766f", ">a20100", "<8161766f", ">a20100"), '"ELMO Bravo"'),
+        (("<8261766f", ">a20200"), "a block, of which the trace lacks a part"),
+        (("<8008100004000405", None), "refused, code 05040004h, CRC error"),
+        ((">8008100004000405", None), "given up by the host, code 05040004h, CRC error"),
+    ],
+)
+def test_a_block_may_be_sent_again_lost_or_given_up(rows, words):
+    begin = (">a00810007f", "<c20810000a000000", ">a3")
+    end = () if rows[-1] is None else ("<d1", ">a1")
+    told = said(*sdo(*begin, *filter(None, rows), *end))
+    (text,) = texts(told, "SDO")
+    assert words in text
+    assert told.observed.strays == []
+
+
+def test_a_device_may_answer_a_block_transfer_without_blocks():
+    told = said(*sdo(">a00810007f", "<4308100045504f53"))
+    assert texts(told, "SDO") == ['reads 1008h Device name of node 5: "EPOS"']
+
+
+@pytest.mark.parametrize("data", ["4308100048303033", "4208100048303033"])
+def test_a_name_of_four_letters_is_no_number(data):
+    """An AKD's name (1008h) has four letters (its CAN manual, p. 51)."""
+    assert texts(said(*sdo(">4008100000000000", f"<{data}")), "SDO") == [
+        'reads 1008h Device name of node 5: "H003"'
+    ]
+
+
+CIA_402_SIGNED = {
+    8: [(0x6098, 0), (0x60E3, 1), (0x6060, 0)],
+    16: [
+        (0x6007, 0), (0x605A, 0), (0x605B, 0), (0x605C, 0), (0x605D, 0), (0x605E, 0), (0x6042, 0),
+        (0x6043, 0), (0x6044, 0), (0x604B, 1), (0x606A, 0), (0x6071, 0), (0x6074, 0), (0x6077, 0),
+        (0x6078, 0), (0x6086, 0), (0x6088, 0), (0x60B2, 0), (0x60C0, 0), (0x60D0, 1),
+    ],
+    32: [
+        (0x604C, 2), (0x6062, 0), (0x6063, 0), (0x6069, 0), (0x606B, 0), (0x607B, 1), (0x607C, 0),
+        (0x607D, 1), (0x607D, 2), (0x60B0, 0), (0x60B1, 0), (0x60BA, 0), (0x60BD, 0), (0x60C1, 1),
+        (0x60F4, 0), (0x60F8, 0), (0x60FA, 0), (0x60FC, 0),
+    ],
+}  # fmt: skip
+"""Objects that have a sign by CiA 402-2, by their bits."""
+
+
+@pytest.mark.parametrize("axis", [0, 0x800])
+@pytest.mark.parametrize("bits", CIA_402_SIGNED)
+def test_objects_with_a_sign_keep_it(bits, axis):
+    for index, sub in CIA_402_SIGNED[bits]:
+        told = said(
+            *reads(5, index + axis, sub, (-5).to_bytes(bits // 8, "little", signed=True).hex())
+        )
+        (text,) = texts(told, "SDO")
+        assert text.endswith((": -5", "mode -5")), (hex(index), text)
+
+
+@pytest.mark.parametrize(
+    ("product", "akd"),
+    [(0x33303650, True), (0, True), (701, False), (346, False), (3, False), (0x11110100, False)],
+)
+def test_of_the_drives_of_its_vendor_only_an_akd_has_its_names(product, akd):
+    """By the manuals of AKD, S300 and S700, AX2000, and AKD2G, all of vendor 6Ah."""
+    code = product.to_bytes(4, "little").hex()
+    told = said(vendor(5, 0x6A), *reads(5, 0x1018, 2, code), *reads(5, 0x2001, 1, "0500"))
+    assert ("F5" in texts(told, "SDO")[-1]) is akd
+    assert bool(told.nodes[5].faults) is akd
+    alone = said(vendor(5, 0x6A), *reads(5, 0x2001, 1, "0500"))
+    assert "F5" in texts(alone, "SDO")[-1]
+
+
+TORQUE = [
+    *writes(5, 0x1A00, 0, "00"), *writes(5, 0x1A00, 1, "10007760"),
+    *writes(5, 0x1A00, 0, "01"),
+]  # fmt: skip
+STORED = writes(5, 0x1010, 1, "73617665")
+BOOT, PDO_BEFORE, PDO_AFTER = (
+    frame(5.0, 0x705, "00"),
+    frame(4.0, 0x185, "3702"),
+    frame(6.0, 0x185, "3702"),
+)
+
+
+@pytest.mark.parametrize(
+    ("settings", "torques", "states"),
+    [
+        (TORQUE, [0x237], [0x237]),
+        ([*TORQUE, *STORED], [0x237, 0x237], None),
+        ([*TORQUE, *STORED, *writes(5, 0x1011, 1, "6c6f6164")], [0x237], [0x237]),
+        ([*reads(5, 0x1A00, 1, "10007760"), *reads(5, 0x1A00, 0, "01")], [0x237, 0x237], None),
+    ],
+    ids=["written", "written and stored", "restored", "read"],
+)
+def test_a_node_that_boots_has_the_pdos_that_it_stored(settings, torques, states):
+    """CiA 301, 7.3.2.2: on a reset parameters have their power-on values, those last stored."""
+    told = said(*settings, PDO_BEFORE, BOOT, PDO_AFTER)
+    assert list(told.series[5, (0x6077, 0)].counts) == torques
+    assert (list(told.series[5, (0x6041, 0)].counts) if states else None) == states
+
+
+def test_services_are_found_by_the_identifiers_that_the_trace_shows():
+    moved = [
+        *writes(5, 0x1005, 0, "90000040"), *reads(5, 0x1014, 0, "a7000000"),
+        *reads(5, 0x1201, 1, "41060000"), *reads(5, 0x1201, 2, "c1050000"),
+    ]  # fmt: skip
+    used = [
+        frame(1.0, 0x090), frame(1.1, 0x090), frame(1.2, 0x0A7, "1081010000000000"),
+        frame(1.3, 0x641, "4064600000000000"), frame(1.4, 0x5C1, "4364600007000000"),
+    ]  # fmt: skip
+    told = said(*moved, *used)
+    assert len(told.sync) == 2
+    assert list(told.nodes) == [5]
+    assert texts(told, "EMCY") == ["8110h CAN overrun"]
+    assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 7"
+
+
+def test_a_drive_that_the_trace_does_not_show_to_be_one_is_remarked():
+    told = said(frame(0.0, 0x705, "05"), frame(0.1, 0x185, "0100"))
+    (remark,) = told.remarks()
+    assert remark == (
+        "node 5: the trace does not show what its PDOs carry: decoded by the defaults of CiA 402, "
+        "as if it was a drive"
+    )
+    for shown in (reads(5, 0x1000, 0, "92010200"), reads(5, 0x6502, 0, "ad030000"), TORQUE):
+        assert said(*shown, frame(9.0, 0x185, "3702")).remarks() == []
+    assert said(frame(0.1, 0x185, "3702"), names=Names(EDS)).remarks() == []

@@ -260,3 +260,70 @@ def test_a_file_of_another_vendor_is_told(tmp_path):
     assert told.remarks() == [
         "node 1: the EDS file is not used: it is of vendor 123h, the node of FBh"
     ]
+
+
+@pytest.mark.parametrize(
+    "spelt",
+    [
+        "$NODEID+280h", "$NODEID+280H", "($NODEID+0x280)", "0x280+$(NODEID)", "NODEID+0x280",
+        "$Node_ID + 0x280", "Node-ID + 640", "$NODEID+0x280;cob", "$NODEID+0x280 // cob",
+        "$NODEID+0x280 /* cob */", "$NODEID+0x280 (default)", '"$NODEID+0x280"', "$NODEID+0x280UL",
+    ],
+)  # fmt: skip
+def test_numbers_are_read_as_editors_spell_them(tmp_path, spelt):
+    found = read_data_sheet(sheet(tmp_path, SHEET.replace("$NODEID+0x280", spelt)))
+    assert found.held_by(5)[0x1800, 1] == 0x285
+    assert found.remarks == ()
+
+
+@pytest.mark.parametrize("spelt", ["0x15;way", "0x15 // way", "15h", "21", '"0x15"', "0x15 (way)"])
+def test_types_are_read_as_editors_spell_them(tmp_path, spelt):
+    found = read_data_sheet(sheet(tmp_path, SHEET.replace("DataType=0x15", f"DataType={spelt}")))
+    assert (found.objects[0x2301, 0].type, found.remarks) == ("I64", ())
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["1a00SUB1", "1A00 sub1", "1A00 Sub 1", " 1A00sub01 ", "0x1A00sub1", "1A00sub1] ; map ["],
+)
+def test_sections_are_found_as_editors_spell_them(tmp_path, name):
+    found = read_data_sheet(sheet(tmp_path, SHEET.replace("[1A00sub1]", f"[{name}]")))
+    assert found.objects[0x1A00, 1].name == "TPDO 1 mapping: Entry 1"
+    assert found.held_by(5)[0x1A00, 1] == 0x2300_0020
+
+
+def test_an_array_without_a_number_of_entries_may_follow_them(tmp_path):
+    entries = (
+        "[2500sub0]\nParameterName=Number\nDataType=5\n[2500sub1]\nParameterName=One\nDataType=3\n"
+    )
+    array = "[2500]\nParameterName=Row\nObjectType=0x8\nDataType=0x7\n"
+    for text in (entries + array, array + entries):
+        found = read_data_sheet(sheet(tmp_path, SHEET + text))
+        number, one = found.objects[0x2500, 0], found.objects[0x2500, 1]
+        assert (number.name, number.type) == ("Row: Number", "U8")
+        assert (one.name, one.type) == ("Row: One", "I16")
+
+
+def test_names_of_a_configured_array_count(tmp_path):
+    found = read_data_sheet(
+        sheet(tmp_path, f"{SHEET}[2400Denotation]\nNrOfEntries=1\n2=Soft end\n")
+    )
+    assert [found.objects[0x2400, k].name for k in (1, 2)] == ["Limits: Lower", "Limits: Soft end"]
+
+
+def test_the_end_of_a_dos_file_is_no_line(tmp_path):
+    assert read_data_sheet(sheet(tmp_path, SHEET + "\x1a")).remarks == ()
+
+
+IDENTITY = "[1018sub1]\nParameterName=Vendor-ID\nDataType=7\nDefaultValue=0x9A\n"
+
+
+def test_without_a_vendor_the_identity_object_names_it(tmp_path):
+    file = sheet(tmp_path, SHEET.replace("VendorNumber=0x123\n", "") + IDENTITY)
+    assert read_data_sheet(file).vendor == 0x9A
+    assert read_data_sheet(sheet(tmp_path, SHEET + IDENTITY)).vendor == 0x123
+    other = [frame(0.0, 0x601, "4018100100000000"), frame(0.1, 0x581, "431810016a000000")]
+    asks = [frame(0.2, 0x601, "4001230000000000"), frame(0.3, 0x581, "4301230005000000")]
+    file = sheet(tmp_path, SHEET.replace("VendorNumber=0x123\n", "") + IDENTITY)
+    assert "Way" not in texts([*other, *asks], file)[-1]
+    assert "Way" in texts(asks, file)[-1]

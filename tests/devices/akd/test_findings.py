@@ -466,6 +466,17 @@ def test_a_transfer_that_the_host_gives_up_is_without_an_answer():
     assert (its.code, its.severity) == ("sdo-timeout", Severity.UNRESOLVED)
 
 
+def test_a_transfer_that_the_host_aborts_is_not_refused_by_the_device():
+    given_up = [*read(1.0, LIMIT), frame(1.5, 0x605, f"80{LIMIT}00000305")]
+    begun = frame(1.1, 0x585, f"41{LIMIT}0f000000")
+    (its,) = assessed(*BEATS, given_up[0], begun, given_up[-1]).findings
+    assert (its.code, its.severity) == ("sdo-unfinished", Severity.WARNING)
+    assert its.text == (
+        "reading 607Fh Maximum profile velocity: given up by the host, code 05030000h, "
+        "toggle bit not alternated"
+    )
+
+
 def test_a_refused_write_is_unresolved_and_a_refused_read_a_warning():
     (its,) = assessed(*BEATS, *refuse(1.0, LIMIT, "30000906", "23")).findings
     assert (its.code, its.severity) == ("sdo-refused", Severity.UNRESOLVED)
@@ -825,6 +836,20 @@ def test_a_guard_request_without_an_answer_is_found():
     assert (its.severity, its.until) == (Severity.RECOVERED, pytest.approx(3.1))
     assert its.text == "1 of 60 guard requests without an answer"
     assert one("guard-unanswered", *guarded(*range(30, 60))).severity is Severity.UNRESOLVED
+
+
+def test_a_guarded_node_that_nobody_asks_is_not_lost():
+    """CiA 301: a guarded node answers remote requests, and sends nothing by itself."""
+    asked = guarded()
+    others = every(0.02, 0.0, 8.0, 0x707, "05")
+    assert found(*without(asked, 2.05, 4.05), *others) == []
+    assert found(*without(asked, 3.05), *others) == []
+    told = Conversation(sorted([*asked, *others], key=lambda each: each.timestamp))
+    assert told.nodes[5].frames == {"guard answer": 60}
+    assert told.nodes[5].states == ["operational"]
+    assert "heartbeat of node 5" not in told.summary()["regular"]
+    beats = [each for each in asked if not each.is_remote_frame]
+    assert one("node-lost", *without(beats, 3.05), *others).node == 5
 
 
 def test_a_toggle_bit_that_does_not_alternate_is_a_warning():

@@ -95,6 +95,23 @@ def test_every_dialect_may_be_packed_by_gzip(tmp_path, frames, name):
     ]
 
 
+@pytest.mark.long
+def test_a_measurement_file_is_read_where_asammdf_was_imported_before(tmp_path, frames):
+    skip_without_asammdf("a.mf4")
+    file = write_dialect(DIALECTS["python-can .mf4"], tmp_path, frames[:30])
+    script = """
+import sys
+import asammdf
+from pathlib import Path
+from twin.devices.akd.traces import read_trace
+print(len(read_trace(Path(sys.argv[1])).frames))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script, file], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "30\n"
+
+
 COPIED = {
     ".trc 1.0": lambda line: line,
     ".trc 1.1": lambda line: line,
@@ -225,19 +242,20 @@ def test_a_damaged_line_of_a_log_is_a_frame_exactly_if_the_whole_line_is_one(dat
     line = plain[:at] + new + plain[at + 1 :]
     found = list(read_candump_log([line], Notes()))
     match = LOG_LINE.match(line)
-    number = int(match[3], 16) if match else 0
-    wrong = match is None or (len(match[3]) == 3 and number > 0x7FF)
+    _, seconds, channel, shown, remote, _, content, way = match.groups() if match else [None] * 8
+    number = int(shown, 16) if match else 0
+    wrong = match is None or (len(shown) == 3 and number > 0x7FF)
     assert found == [None] if wrong else len(found) == 1
     if not wrong:
         (frame,) = found
-        assert frame.timestamp == float(match[1])
-        assert frame.channel == match[2]
+        assert frame.timestamp == float(seconds or 0.0)  # without a time it is number 0
+        assert frame.channel == channel
         assert frame.arbitration_id == number & 0x1FFFFFFF
-        assert frame.is_error_frame is (len(match[3]) == 8 and bool(number & 0x20000000))
-        assert frame.is_extended_id is (len(match[3]) == 8 and not frame.is_error_frame)
-        assert frame.is_remote_frame is bool(match[4])
-        assert frame.data == bytes.fromhex(match[6] or "")
-        assert frame.is_rx is (match[7] not in {"T", "t"})
+        assert frame.is_error_frame is (len(shown) == 8 and bool(number & 0x20000000))
+        assert frame.is_extended_id is (len(shown) == 8 and not frame.is_error_frame)
+        assert frame.is_remote_frame is bool(remote)
+        assert frame.data == bytes.fromhex((content or "").replace(".", ""))
+        assert frame.is_rx is (way not in {"T", "t"})
 
 
 READ = """

@@ -2,9 +2,11 @@
 
 One conversation in the form of every program: the same frames come back, to its times."""
 
+import gc
 import gzip
 import re
 import struct
+import sys
 from datetime import UTC, datetime
 from itertools import pairwise
 
@@ -13,6 +15,7 @@ import pytest
 from command_line import called
 from trace_dialects import (
     DIALECTS,
+    SLL,
     SLL2,
     asc,
     busmaster,
@@ -59,7 +62,9 @@ HEARD = [
 ]
 
 
-UNDIRECTED = re.compile(r"candump(?!.* -x)|\.trc 1\.0|SavvyCAN, older|pcap|python-can \.(csv|db)")
+UNDIRECTED = re.compile(
+    r"candump(?!.* -x)|\.trc 1\.0|SavvyCAN, older|pcap|python-can \.(csv|db)|Saleae|slcan"
+)
 """Formats that do not state whether a frame was sent or received."""
 
 
@@ -218,6 +223,119 @@ def test_the_state_of_the_controller_in_asc_is_an_event(tmp_path, state, words):
     line = f"   0.300000 CAN 1 Status:chip status {state}\n"
     (tmp_path / "a.asc").write_text(asc()(HEARD).replace("End", line + "End"))
     assert [*Conversation(read_trace(tmp_path / "a.asc").frames).errors] == words
+
+
+ASC = "date Tue Nov 14 10:13:20 pm 2023\nbase hex  timestamps absolute\n"
+ASC_TAIL = "  Length = 240000 BitCount = 124 ID = 1794"
+
+
+def kinds(file):
+    """What a trace has of each frame, and its remarks."""
+    found = read_trace(file)
+    every = [
+        (each.arbitration_id, each.is_remote_frame, each.dlc, each.is_rx) for each in found.frames
+    ]
+    return every, found.remarks
+
+
+@pytest.mark.parametrize(
+    ("row", "length"),
+    [("r", 0), ("r 1", 1), (f"r 1{ASC_TAIL}", 1), (f"r{ASC_TAIL}", 0), (f"r 8{ASC_TAIL}", 8)],
+)
+def test_remote_frames_of_asc_are_read_with_and_without_length(tmp_path, row, length):
+    (tmp_path / "a.asc").write_text(
+        f"{ASC}// 1 Rx in a remark\n 0.1 1  702  Tx   {row}\n 0.2 1  702  Rx   d 1 85{ASC_TAIL}\n"
+    )
+    found = [(0x702, True, length, False), (0x702, False, 1, True)]
+    assert kinds(tmp_path / "a.asc") == (found, [])
+
+
+def test_a_request_to_send_in_asc_is_no_frame(tmp_path):
+    line = " {} CANFD   1 {:4} 701    0 0 1  1 05   130000  130        0 a1234567 0 0 0 0\n"
+    rows = [line.format(0.1, "TxRq"), line.format(0.2, "Tx"), line.format(0.3, "Rx")]
+    (tmp_path / "a.asc").write_text(ASC + "".join(rows))
+    found = [(0x701, False, 1, False), (0x701, False, 1, True)]
+    assert kinds(tmp_path / "a.asc") == (found, [])
+
+
+@pytest.mark.parametrize("link", [SLL, SLL2])
+def test_a_capture_of_any_device_shows_who_sent_a_frame(tmp_path, link):
+    one, other = HEARD[:2]
+    content = pcap("<", link=link)([one, other])
+    place = 24 + 16 + (1 if link == SLL else 10)
+    content = content[:place] + b"\x04" + content[place + 1 :]
+    (tmp_path / "a.pcap").write_bytes(content)
+    assert [each.is_rx for each in read_trace(tmp_path / "a.pcap").frames] == [False, True]
+
+
+def test_what_python_can_prints_is_read_with_the_kind_of_each_frame(tmp_path):
+    more = [
+        frame(0.3, 0x705, is_remote_frame=True, dlc=1, sent=True),
+        frame(0.4, 0x80, "00" * 8, is_error_frame=True, is_extended_id=True),
+    ]
+    long = can.Message(timestamp=BEGIN + 1, arbitration_id=5, is_fd=True, data=bytes(12))
+    printed = [f"{each}\n" for each in (*HEARD, *more, long)]
+    (tmp_path / "a.log").write_text("".join(printed))
+    found = read_trace(tmp_path / "a.log")
+    assert found.remarks == [
+        "a.log: left out: 1 lines that are no classic frame of python-can's print"
+    ]
+    for each, known in zip(found.frames, [*HEARD, *more], strict=True):
+        assert each.timestamp == known.timestamp
+        assert each.arbitration_id == known.arbitration_id
+        assert bytes(each.data) == bytes(known.data)
+        assert each.is_extended_id == known.is_extended_id
+        assert each.is_remote_frame == known.is_remote_frame
+        assert each.is_error_frame == known.is_error_frame
+        assert (each.is_rx, each.dlc) == (known.is_rx, known.dlc)
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("t7011 05", None),
+        ("t701105", (0x701, False, 1, True)),
+        ("t701105EA5F", (0x701, False, 1, True)),
+        ("r7021", (0x702, True, 1, True)),
+        ("T18FEF10020102", (0x18FEF100, False, 2, True)),
+        ("t8011FF", None),
+        ("t70110512", None),
+        ("t7019" + "00" * 9, None),
+    ],
+)
+def test_lines_of_a_serial_adapter(tmp_path, line, found):
+    (tmp_path / "a.txt").write_text(f"t0802AABB\rz\r{line}\rZ\r\a\n")
+    every, remarks = kinds(tmp_path / "a.txt")
+    assert every[1:] == ([found] if found else [])
+    assert ("left out: 1 lines" in "".join(remarks)) is (found is None)
+
+
+def test_the_clock_of_a_serial_adapter_begins_anew_each_minute(tmp_path):
+    (tmp_path / "a.txt").write_text("t0800EA00\nt0800EA50\nt080000A0\n")
+    times = [each.timestamp for each in read_trace(tmp_path / "a.txt").frames]
+    assert times == pytest.approx([0.0, 0.08, 0.256])
+
+
+@pytest.mark.parametrize(
+    ("time", "seconds"),
+    [("22231683", 8551.683), ("01T022231683", 8551.683), ("20170102T022231683", 1483323751.683)],
+)
+def test_times_of_a_logger_are_days_and_not_microseconds(tmp_path, time, seconds):
+    (tmp_path / "a.txt").write_text(
+        f"# Logger type: CL2000\nTimestamp;Type;ID;Data\n{time};9;18fef100;0102\n{time};0;701;05\n"
+    )
+    found = read_trace(tmp_path / "a.txt").frames
+    assert [each.timestamp for each in found] == pytest.approx([seconds] * 2, abs=1e-3)
+    assert [(each.is_extended_id, each.is_rx) for each in found] == [(True, False), (False, True)]
+
+
+def test_lines_without_a_time_are_left_out_where_others_have_one(tmp_path):
+    text = candump_log()(HEARD)
+    (tmp_path / "a.log").write_text(text + "can0 701#05\n701#05\n")
+    found = read_trace(tmp_path / "a.log")
+    assert found.timed
+    assert len(found.frames) == len(HEARD)
+    assert found.remarks[0].startswith("a.log: left out: 2 lines")
 
 
 def test_flags_of_kvaser_are_read(tmp_path):
@@ -527,3 +645,14 @@ def test_frames_that_are_no_canopen_are_counted(tmp_path, capsys):
     assert code == 0
     assert "not decoded: 1 frames with 29-bit identifiers, no CANopen (705h)" in shown
     assert "not decoded: 1 frames of no known service (7E5h)" in shown
+
+
+def test_a_broken_measurement_file_is_refused_without_a_traceback(tmp_path, monkeypatch):
+    pytest.importorskip("asammdf")
+    ignored = []
+    monkeypatch.setattr(sys, "unraisablehook", ignored.append)
+    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(10))
+    with pytest.raises(LogError, match="no frame can be read"):
+        read_trace(tmp_path / "a.mf4")
+    gc.collect()
+    assert ignored == []

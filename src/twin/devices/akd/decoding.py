@@ -34,7 +34,17 @@ from twin.devices.akd.observed import (
     Transfer,
 )
 from twin.devices.akd.protocol import RPM_RAD_S, TURN_RAD, Key, Object, mappings, table
+from twin.devices.akd.sdo_transfers import (
+    ABORT,
+    BLOCK_DOWNLOAD,
+    DOWNLOAD,
+    DOWNLOAD_ANSWER,
+    UPLOAD,
+    OpenTransfer,
+    begins_block,
+)
 from twin.devices.akd.wire_values import (
+    PRODUCT,
     PROFILE,
     VENDOR,
     decode_number,
@@ -78,13 +88,7 @@ _FEW, _MOST = 10, 20
 """Fewest frames in which a rhythm is seen; most gaps of one kind that are reported, the longest."""
 _ENDED, _ENDED_FOR = 3, 0.05
 """Times the usual pause, and s, from which something has ended before the trace does."""
-_SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 0, 1, 2, 4, 5, 6
-_DOWNLOAD_ANSWER = 3
-"""Command specifiers of SDO: reading is an upload, writing a download."""
-_SIZED, _EXPEDITED = 1, 2
-"""Bits of the specifier that begins a transfer: its size is stated; all data are in this frame."""
-_BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
-_NAMING_SPECIFIERS = (_UPLOAD, _DOWNLOAD_ANSWER, _ABORT)
+_NAMING_SPECIFIERS = (UPLOAD, DOWNLOAD_ANSWER, ABORT)
 """Command specifiers of answers that name their object."""
 _SDO_BYTES, _MIN_SDO_BYTES = 8, 4
 """Length of every SDO frame by CiA 301, and the least that names an object."""
@@ -92,6 +96,14 @@ _FIRST_BYTES = {0x20, 0x21, 0x22, 0x23, 0x27, 0x2B, 0x2F, 0x40}
 """First bytes of requests to write or read an object, without those of blocks."""
 _FIRST_INDEX = 0x1000
 """Lowest index of an object that is no data type."""
+_SYNC_IDENTIFIER, _EMERGENCY_IDENTIFIER, _SDO_SERVERS = 0x1005, 0x1014, range(0x1200, 0x1280)
+"""Objects with the identifiers of SYNC, of emergencies, and of SDO requests (1) and answers (2)."""
+_STORE_WORD, _STORE_KEYS = 0x6576_6173, ((0x1010, 1), (0x1010, 2))
+"""The word "save", and the objects that store the settings of PDOs when it is written to them."""
+_RESTORE_WORD, _RESTORE_KEYS = 0x6461_6F6C, ((0x1011, 1), (0x1011, 2))
+"""The word "load", and the objects that let the next boot restore their defaults."""
+_MAX_SHOWN_BYTES = 64
+"""Bytes of a value that are shown; of a longer one their number is, too."""
 _MAX_OPEN_TRANSFERS = 50
 """Transfers back in which the request of a late answer is looked for."""
 _SHORT_S = 0.2
@@ -242,20 +254,55 @@ class _Entry(NamedTuple):
 
 
 @dataclass
-class _Transfer:
-    """An SDO transfer under way: since when, its object, whether it writes, what has come.
+class _Settings:
+    """What a trace shows of how nodes are set.
 
-    ``more`` means that data are still to come, ``answered`` that some have.
+    Attributes:
+        syncs: Identifiers of SYNC.
+        moved: Service and node of identifiers that are not the usual ones of a node.
+        described: Nodes of which the trace shows objects of a profile, or what a PDO carries.
+        unstored: Settings of PDOs before they were written, by node, if not stored since.
+        restored: Nodes that have the defaults of PDOs from their next boot on.
     """
 
-    since: float
-    frame: int
-    key: Key
-    writes: bool
-    block: bool
-    data: bytes = b""
-    more: bool = True
-    answered: bool = False
+    syncs: set[int] = field(default_factory=lambda: {protocol.SYNC})
+    moved: dict[int, tuple[int, int]] = field(default_factory=dict)
+    described: set[int] = field(default_factory=set)
+    unstored: defaultdict[int, dict[Key, int | None]] = field(
+        default_factory=lambda: defaultdict(dict)
+    )
+    restored: set[int] = field(default_factory=set)
+
+    def keep(self, number: int, key: Key, value: int, before: int | None, *, writes: bool) -> None:
+        """Take in the value of an object of a node.
+
+        Args:
+            number: The node.
+            key: Index and subindex.
+            value: What was read or written.
+            before: What was known of it.
+            writes: Whether it was written.
+        """
+        index = axis_of(key[0])[0]
+        of_pdo = index in protocol.PDO_PARAMETER_INDICES
+        if of_pdo or index in _PROFILES_OBJECTS:
+            self.described.add(number)
+        if writes and of_pdo:
+            self.unstored[number].setdefault(key, before)
+        elif writes and key in _STORE_KEYS and value == _STORE_WORD:
+            self.unstored.pop(number, None)
+        elif writes and key in _RESTORE_KEYS and value == _RESTORE_WORD:
+            self.restored.add(number)
+        identifier = value & 0x7FF
+        if value & protocol.PDO_INVALID:
+            return
+        if index == _SYNC_IDENTIFIER:
+            self.syncs.add(identifier)
+        elif index == _EMERGENCY_IDENTIFIER:
+            self.moved[identifier] = protocol.EMERGENCY, number
+        elif index in _SDO_SERVERS and key[1] in (1, 2):
+            service = protocol.SDO_REQUEST if key[1] == 1 else protocol.SDO_RESPONSE
+            self.moved[identifier] = service, number
 
 
 class _Held(dict[int, dict[Key, int]]):
@@ -312,12 +359,14 @@ class Conversation:
         self._names = names or Names()
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
         self._frame = 0
-        self._sdo: dict[int, _Transfer] = {}
+        self._sdo: dict[int, OpenTransfer] = {}
         self.pdos: dict[int, Pdo] = {}
         """PDOs by their identifier, as the trace has them at its end."""
         self._receivers: defaultdict[int, dict[tuple[int, str], Pdo]] = defaultdict(dict)
         self._layouts: dict[tuple[int, str], tuple[int, list[_Entry]]] = {}
         self._no_pdo: set[int] = set()
+        self._settings = _Settings()
+        self._asked: set[int] = set()  # for their life (node guarding), and have not answered
         self._identified: set[tuple[int, int]] = set()
         self._last: dict[object, object] = {}
         self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
@@ -393,8 +442,13 @@ class Conversation:
 
     def is_akd(self, node: int) -> bool:
         """Whether a node is an AKD: by the rig file, the trace, or the EDS file."""
-        vendor = self._identities.get((node, VENDOR), self._names.sheet.vendor)
-        return node in self._axes or vendor == protocol.AKD_VENDOR_ID
+        sheet = self._names.sheet
+        vendor = self._identities.get((node, VENDOR), sheet.vendor)
+        product = self._identities.get((node, PRODUCT))
+        if product is None:
+            product = sheet.defaults[PRODUCT].number if PRODUCT in sheet.defaults else 0
+        known = vendor == protocol.AKD_VENDOR_ID and protocol.is_akd_product(product)
+        return node in self._axes or known
 
     def is_drive(self, node: int) -> bool:
         """Whether a node may be a drive: unless the trace or its file shows a different profile."""
@@ -583,6 +637,13 @@ class Conversation:
                 some = [f"{each:X}h" for each in counts][:3] + ["..."] * (len(counts) > 3)
                 shown = ", ".join(some)
                 remarks.append(f"not decoded: {counts.total()} frames {kind} ({shown})")
+        for node in sorted({node for node, _ in self.series} - self._settings.described):
+            known = node in self._axes or (node, PROFILE) in self._identities or self.is_akd(node)
+            if not known and not (self._names.sheet.objects and self._is_of_sheet(node)):
+                remarks.append(
+                    f"{self.called(node)}: the trace does not show what its PDOs carry: decoded by "
+                    "the defaults of CiA 402, as if it was a drive"
+                )
         for node in sorted(self.nodes) if self._names.sheet.objects else ():
             if not self._is_of_sheet(node):
                 vendors = self._names.sheet.vendor or 0, self._identities[node, VENDOR]
@@ -631,21 +692,23 @@ class Conversation:
             node = identifier - protocol.HEARTBEAT
             if 0 < node <= protocol.NODE_MASK:
                 self.observed.guards[node].append(at, self._frame)
+                self._asked.add(node)
         elif identifier == protocol.NMT and len(data) == 2 and data[1] <= protocol.NODE_MASK:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
             self._say(at, HOST, "NMT", f"{command}: {whom}")
             self.observed.commands.append(Command(at, self._frame, data[0], data[1]))
-        elif identifier == protocol.SYNC and len(data) <= 1:
+        elif identifier in self._settings.syncs and len(data) <= 1:
             self.observed.streams[StreamKey(BUS, "SYNC")].append(at, self._frame)
         else:
             self._service(at, identifier, data)
 
     def _service(self, at: float, identifier: int, data: bytes) -> None:
         number = identifier & protocol.NODE_MASK
-        service = identifier - number
+        service, number = self._settings.moved.get(identifier, (identifier - number, number))
         kind = _FRAME_KINDS.get(service)
-        pdo = self.pdos.get(identifier) or self._usual(identifier)
+        moved = identifier in self._settings.moved
+        pdo = None if moved else self.pdos.get(identifier) or self._usual(identifier)
         if pdo is not None:
             self._exchange(at, identifier, pdo, data)
         elif identifier == protocol.TIME and len(data) == protocol.TIME_BYTES:
@@ -660,7 +723,8 @@ class Conversation:
             self._transfer(at, number, data, asks=True)
         else:
             node = self._node(number)
-            node.frames[kind] += 1
+            guarded = service == protocol.HEARTBEAT and number in self._asked
+            node.frames["guard answer" if guarded else kind] += 1
             self.observed.sent_by[number].append(at, self._frame)
             if service == protocol.EMERGENCY:
                 message = protocol.decode_emergency(data)
@@ -678,12 +742,35 @@ class Conversation:
 
     def _heartbeat(self, at: float, number: int, state: int) -> None:
         node, words = self._node(number), protocol.nmt_words(state)
-        if state:
+        if state and number not in self._asked:  # what is asked for is regular only as the asking
             self.observed.streams[StreamKey(number, "heartbeat")].append(at, self._frame)
+        self._asked.discard(number)
         if not state or node.states[-1:] != [words]:
             node.states.append(words)
             self.observed.network[number].append(Change(at, self._frame, state))
             self._say(at, node.name, "heartbeat", words)
+        if not state:
+            self._forget_settings(number)
+
+    def _forget_settings(self, number: int) -> None:
+        """Take back the settings of PDOs that a node has no more as it boots.
+
+        These are the ones that it was given and did not store, all if it was to restore defaults.
+        """
+        before, values = self._settings.unstored.pop(number, {}), self.values[number]
+        if number in self._settings.restored:
+            self._settings.restored.remove(number)
+            known = self._known_of(number)
+            its = [key for key in values if key[0] in protocol.PDO_PARAMETER_INDICES]
+            before = {key: known.get(key) for key in its}
+        for key, value in before.items():
+            self._identified.discard((number, key[0]))
+            if value is None:
+                del values[key]
+            else:
+                values[key] = value
+        for parameters in {index & ~0x200 for index, _ in before}:
+            self._assign(number, parameters)
 
     def _power(self, at: float, number: int, key: Key, status: int) -> None:
         """Note the state that a status word shows."""
@@ -823,38 +910,38 @@ class Conversation:
                 return
             data = data.ljust(_SDO_BYTES, b"\0")
         command, transfer = data[0] >> 5, self._sdo.get(number)
-        writes, block = command in _WRITING, command in _BLOCKS
+        if transfer is not None and transfer.take_block(data, asks=asks):
+            if not transfer.more:
+                self._done(at, number, self._sdo.pop(number))
+            return
+        block = asks and begins_block(data)
+        writes = block if command == BLOCK_DOWNLOAD else command == DOWNLOAD
         if asks and (block or transfer is None):
             index = data[1] | data[2] << 8
             self._requests[(block or data[0] in _FIRST_BYTES) and index >= _FIRST_INDEX] += 1
-        if asks and (writes or block or command == _UPLOAD):
+        if asks and (writes or block or command == UPLOAD):
             if transfer is not None:
                 self._left(number, transfer)
             key = data[1] | data[2] << 8, data[3]
-            transfer = self._sdo[number] = _Transfer(at, self._frame, key, writes, block)
+            transfer = self._sdo[number] = OpenTransfer(at, self._frame, key, writes, block)
         elif not asks and command in _NAMING_SPECIFIERS:
             key = data[1] | data[2] << 8, data[3]
             if transfer is None or key != transfer.key:
                 self._answer_late(at, number, key)
                 return
+            transfer.block &= command != UPLOAD  # the device may answer without blocks
         if transfer is None:
             return
         transfer.answered |= not asks
-        if command == _ABORT:
+        if command == ABORT:
             code = int.from_bytes(data[4:], "little")
-            why = f"refused, {protocol.abort_words(code)}"
-            self._ended(number, self._sdo.pop(number), "refused", why, at, abort=code)
+            how = "given up" if asks else "refused"
+            why = f"{how}{' by the host' if asks else ''}, {protocol.abort_words(code)}"
+            self._ended(number, self._sdo.pop(number), how, why, at, abort=code, given_up=asks)
             return
-        if command == _SEGMENT:
-            transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
-            transfer.more = not data[0] & 1
-        elif command == (_DOWNLOAD if asks else _UPLOAD) and data[0] & _EXPEDITED:
-            size = (self._object(number, transfer.key).bits + 7) // 8 or 4
-            transfer.data = (
-                data[4 : 8 - (data[0] >> 2 & 3)] if data[0] & _SIZED else data[4:][:size]
-            )
-            transfer.more = False
-        if not asks and (transfer.block or not transfer.more):
+        size = (self._object(number, transfer.key).bits + 7) // 8 or 4
+        transfer.take(data, size, asks=asks)
+        if not asks and not transfer.more:
             self._done(at, number, self._sdo.pop(number))
 
     def _answer_late(self, at: float, number: int, key: Key) -> None:
@@ -868,21 +955,24 @@ class Conversation:
                 return
         self.observed.strays.append(StrayAnswer(at, self._frame, number, key))
 
-    def _done(self, at: float, number: int, transfer: _Transfer) -> None:
+    def _done(self, at: float, number: int, transfer: OpenTransfer) -> None:
         key, data = transfer.key, transfer.data
         value = decode_value(self._object(number, key).type, data)
-        kept = value if isinstance(value, int) and not transfer.block else None
-        if transfer.block:
-            value_text = "a block, not decoded"
+        kept = value if isinstance(value, int) and not transfer.missed else None
+        if transfer.missed:
+            value_text = "a block, of which the trace lacks a part"
         elif isinstance(value, str):
             value_text = f'"{value}"'
         elif isinstance(value, bytes):
-            value_text = value.hex(" ") or "nothing"
+            more = f" ... ({len(value)} bytes)" if len(value) > _MAX_SHOWN_BYTES else ""
+            value_text = value[:_MAX_SHOWN_BYTES].hex(" ") + more or "nothing"
         elif isinstance(value, float):
             value_text = self.words(number, key, value)
         else:
-            self.values[number][key] = value
             index = axis_of(key[0])[0]
+            held = self.values[number]
+            self._settings.keep(number, key, value, held.get(key), writes=transfer.writes)
+            held[key] = value
             if self._reports_changes(number, key):
                 self._note(at, number, key, value)
             if index == STATUS and self.is_drive(number):
@@ -897,7 +987,7 @@ class Conversation:
         how = "writes" if transfer.writes else "reads"
         self._ended(number, transfer, how, value_text, at, value=kept)
 
-    def _left(self, number: int, transfer: _Transfer) -> None:
+    def _left(self, number: int, transfer: OpenTransfer) -> None:
         """Report a transfer that has no end."""
         if transfer.answered:
             self._ended(number, transfer, "unfinished", "begun and not finished")
@@ -907,13 +997,14 @@ class Conversation:
     def _ended(
         self,
         number: int,
-        transfer: _Transfer,
+        transfer: OpenTransfer,
         how: str,
         value_text: str,
         at: float | None = None,
         *,
         abort: int | None = None,
         value: int | None = None,
+        given_up: bool = False,
     ) -> None:
         """Report a transfer; what is read back as it was just written is part of that."""
         node, what = self._node(number), self.object_name(number, transfer.key)
@@ -930,6 +1021,7 @@ class Conversation:
                 abort,
                 value,
                 unfinished=at is None and transfer.answered,
+                given_up=given_up,
             )
         )
         written = f"writes {what} to {node.name}: {value_text}"

@@ -21,13 +21,18 @@ _CIA301_TYPES = {
     0x18: "U40", 0x19: "U48", 0x1A: "U56", 0x1B: "U64",
 }  # fmt: skip
 """Data types of CiA 301 as `Object` has them."""
-_DEFAULTS_USED = frozenset((*PDO_PARAMETER_INDICES, 0x1000))
-"""Objects of which the default value is used: the parameters and mappings of PDOs, the profile."""
+_DEFAULTS_USED = frozenset((*PDO_PARAMETER_INDICES, 0x1000, 0x1018))
+"""Objects of which the default is used: parameters and mappings of PDOs, profile, identity."""
 _MAX_SHOWN_REMARKS = 5
 """Remarks about single lines and values that are shown; of more the number is."""
 
 _LARGEST_NUMBERS = {"VendorNumber": 0xFFFF_FFFF, "NodeID": 127}
 """Largest numbers of a vendor and of a node."""
+
+_BLANKS = " \t\r\n\0\x1a"
+"""Characters around a line that mean nothing; the last was the end of a file in DOS."""
+_NODE_ID = re.compile(r"\$?\(?node[-_ ]?id\)?")
+"""``$NODEID`` in small letters, as different editors write it."""
 
 _Section = dict[str, str]
 
@@ -121,8 +126,9 @@ def read_data_sheet(path: Path) -> DataSheet:
             continue  # a list, a comment, what belongs to an array, or the definition of a type
         key = int(match[1], 16), int(match[2] or "0", 16)
         compact = _number(section.get("compactsubobj", "0")) or 0
-        entries = "datatype" not in section or f"{name}sub0" in sections
-        if match[2] is None and "subnumber" in section and entries and not compact:
+        entries = f"{name}sub0" in sections or f"{name}sub1" in sections
+        entries |= "subnumber" in section and "datatype" not in section
+        if match[2] is None and entries and not compact:
             continue  # a record or an array: its entries have sections of their own
         if compact:
             arrays[key[0]] = min(compact, 0xFE), section
@@ -141,14 +147,15 @@ def read_data_sheet(path: Path) -> DataSheet:
             else "it has no object"
         )
         raise LogError(f"--eds {path}: not a readable EDS file: {why}")
-    device = sections.get("deviceinfo", {})
+    vendor = _read_number("VendorNumber", sections.get("deviceinfo", {}), left_out)
+    identity = values.get((0x1018, 1), defaults.get((0x1018, 1)))
     commissioning = sections.get("devicecomissioning", sections.get("devicecommissioning", {}))
     return DataSheet(
         objects,
         defaults,
         values,
         _read_number("NodeID", commissioning, left_out),
-        _read_number("VendorNumber", device, left_out) or None,
+        vendor or (identity and identity.number) or None,
         _remarks(path.name, left_out),
     )
 
@@ -158,13 +165,14 @@ def _split(text: str, left_out: list[str]) -> dict[str, _Section]:
     sections: dict[str, _Section] = {}
     section: _Section | None = None
     for number, each in enumerate(text.splitlines(), 1):
-        line = each.strip()
+        line = each.strip(_BLANKS)
         if not line or line[0] in ";#":
             continue
         if match := re.match(r"\[\s*([^\]]*?)\s*\]", line):
-            if match[1].casefold() in sections:
+            name = re.sub(r"\s|^0x|(?<=sub)0+(?=[0-9a-f])", "", match[1].casefold())
+            if name in sections:
                 left_out.append(f"line {number}: [{_short(match[1])}] comes again")
-            section = sections.setdefault(match[1].casefold(), {})
+            section = sections.setdefault(name, {})
             continue
         if line[0] == "[":  # what follows belongs to no section that is known
             left_out.append(f"line {number}: '{_short(line)}'")
@@ -189,14 +197,21 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def _number(text: str) -> int | None:
-    """A number as CiA 306 writes it, in any case of letters; None if it is none.
+def _plain(text: str) -> str:
+    """A number in small letters without what is written around it: comments, quotes, brackets."""
+    bare = re.sub(r"\s*(;|//|/\*).*$|(?<=\w)\s+[#(].*$", "", text)
+    return bare.strip(' \t"()').casefold()
 
-    A leading zero means octal in CiA 306; ``001`` and the like are read so, ``08`` as decimal. What
-    follows a ``#`` after a space is a comment.
+
+def _number(text: str) -> int | None:
+    """A number as CiA 306 writes it, in any case of letters, or as ``280h``; None if it is none.
+
+    A leading zero means octal in CiA 306; ``001`` and the like are read so, ``08`` as decimal.
     """
-    text = re.sub(r"\s#.*$", "", text).strip().casefold().removesuffix("u")
+    text = re.sub(r"[ul]+$", "", _plain(text))
     try:
+        if re.fullmatch(r"[0-9a-f]+h", text):
+            return int(text[:-1], 16)
         if re.fullmatch(r"0[0-7]+", text):
             return int(text, 8)
         return int(text, 10) if text.isdecimal() else int(text, 0)
@@ -210,7 +225,7 @@ def _read_number(key: str, section: _Section, left_out: list[str]) -> int | None
     if text is None:
         return None
     number = _number(text)
-    octal = key == "VendorNumber" and re.match(r"0\d", text)  # 001 names nobody
+    octal = key == "VendorNumber" and re.fullmatch(r"0\d+", _plain(text))  # 001 names nobody
     if number is None or octal or not 0 <= number <= _LARGEST_NUMBERS[key]:
         left_out.append(f"{key}='{_short(text)}'")
         return None
@@ -271,8 +286,8 @@ def _hold(
 
 def _value(text: str) -> Value | None:
     """A value: numbers, and ``$NODEID`` once at most, added in any order and case of letters."""
-    parts = [part.strip() for part in text.casefold().split("+")]
-    others = [_number(part) for part in parts if part != "$nodeid"]
+    parts = [part.strip() for part in _plain(text).split("+")]
+    others = [_number(part) for part in parts if not _NODE_ID.fullmatch(part)]
     count = len(parts) - len(others)
     numbers = [number for number in others if number is not None]
     if count > 1 or len(numbers) < len(others) or not 0 <= sum(numbers) < 1 << 64:
@@ -292,8 +307,8 @@ def _expand(
 ) -> None:
     """The entries of an array that is described as one (``CompactSubObj``).
 
-    Their names are in a section ``[1003Name]``, their values in ``[1003Value]``; one without a name
-    there is called by its number.
+    Their names are in a section ``[1003Name]``, in a configured device in ``[1003Denotation]``, and
+    their values in ``[1003Value]``; one without a name there is called by its number.
     """
     name = f"{index:x}"
     kind = _type(section, sections, name, left_out)
@@ -301,7 +316,7 @@ def _expand(
         return
     called = section.get("parametername", "")
     objects[index, 0] = Object(index, 0, f"{called}: number of entries", "U8")
-    names = sections.get(f"{name}name", {})
+    names = sections.get(f"{name}name", {}) | sections.get(f"{name}denotation", {})
     own_values = sections.get(f"{name}value", {})
     for sub in range(1, count + 1):
         own = names.get(f"{sub}") or f"{sub}"

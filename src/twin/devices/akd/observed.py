@@ -121,10 +121,11 @@ class Transfer(NamedTuple):
         node: The server.
         key: The object.
         writes: Whether it is written.
-        abort: The abort code; None if it was not refused.
+        abort: The abort code; None if it was not refused or given up.
         value: The number that was transferred; None if it is no number.
         overlapped: Whether the answer came after the next request to the node.
         unfinished: Whether it was answered, and the host did not ask for the rest.
+        given_up: Whether the abort is the host's.
     """
 
     begin: float
@@ -137,6 +138,7 @@ class Transfer(NamedTuple):
     value: int | None
     overlapped: bool = False
     unfinished: bool = False
+    given_up: bool = False
 
     @property
     def good(self) -> bool:

@@ -179,6 +179,15 @@ _CONTROL_WORDS = {
 }
 
 
+def is_akd_product(code: int) -> bool:
+    """Whether a product code (1018h:2) is an AKD's: letters and digits; 0 is no code.
+
+    Other drives with the same vendor (S300, S700, AKD2G, AX2000) have numbers.
+    """
+    text = code.to_bytes(8, "little").rstrip(b"\0")
+    return not code or (len(text) > 2 and text.isalnum())
+
+
 def state(status: int) -> DriveState:
     """The state that a status word means, any integer; masks 4Fh and 6Fh of CiA 402."""
     return (

@@ -13,7 +13,7 @@ from twin.devices.akd.protocol import Key, table
 if TYPE_CHECKING:
     from twin.devices.akd.trace_files.frames import BusFrame
 
-PROFILE, VENDOR = (0x1000, 0), (0x1018, 1)
+PROFILE, VENDOR, PRODUCT = (0x1000, 0), (0x1018, 1), (0x1018, 2)
 """Objects by which a node introduces itself."""
 BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
 """Classes of error frames, as SocketCAN has them."""
@@ -77,7 +77,7 @@ def shown_mask(value: int) -> int:
 
 
 def find_identities(heard: Iterable[BusFrame]) -> tuple[set[int], dict[tuple[int, Key], int]]:
-    """Nodes that say anything of themselves; profiles and vendors, by node and object."""
+    """Nodes that say anything of themselves; profiles, vendors, products, by node and object."""
     there, found = set[int](), dict[tuple[int, Key], int]()
     for message in heard:
         service = message.arbitration_id & ~protocol.NODE_MASK
@@ -87,7 +87,12 @@ def find_identities(heard: Iterable[BusFrame]) -> tuple[set[int], dict[tuple[int
         there.add(node)
         if service == protocol.SDO_RESPONSE:
             answer = protocol.decode_sdo(bytes(message.data))
-            if answer and answer.data and answer.key in (PROFILE, VENDOR) and not answer.aborted:
+            if (
+                answer
+                and answer.data
+                and answer.key in (PROFILE, VENDOR, PRODUCT)
+                and not answer.aborted
+            ):
                 found[node, answer.key] = answer.value
     return there - {0}, found
 

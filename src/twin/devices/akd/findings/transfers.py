@@ -49,25 +49,33 @@ def find_unanswered(trace: Conversation, known: Sequence[Finding]) -> Iterator[F
 
 
 def find_unfinished(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
-    """Transfers in several frames that the host did not carry on."""
+    """Transfers in several frames that the host did not carry on, or gave up."""
     wait = ANSWER_S if trace.timed else ANSWER_FRAMES
 
     def unfinished(each: Transfer) -> bool:
         return each.unfinished and trace.duration - each.begin >= wait
 
     yield from _group_transfers(trace, known, "sdo-unfinished", "begun, not finished", unfinished)
+    yield from _group_aborted(trace, known, "sdo-unfinished", "given up by the host", given_up=True)
 
 
 def find_refused(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Requests that were refused; one to read is a warning, as hosts try what there is."""
-    codes = {each.abort for each in trace.observed.transfers if each.abort is not None}
-    for code in sorted(codes - {TIMED_OUT}):
+    yield from _group_aborted(trace, known, "sdo-refused", "refused", given_up=False)
 
-        def refused(each: Transfer, code: int = code) -> bool:
-            return each.abort == code
 
-        words = f"refused, {protocol.abort_words(code)}"
-        yield from _group_transfers(trace, known, "sdo-refused", words, refused)
+def _group_aborted(
+    trace: Conversation, known: Sequence[Finding], code: str, how: str, *, given_up: bool
+) -> Iterator[Finding]:
+    """Transfers that the device aborted, or that the host gave up, by their abort codes."""
+    its = [each for each in trace.observed.transfers if each.given_up is given_up]
+    for abort in sorted({each.abort for each in its if each.abort is not None} - {TIMED_OUT}):
+
+        def aborted(each: Transfer, abort: int = abort) -> bool:
+            return each.abort == abort and each.given_up is given_up
+
+        words = f"{how}, {protocol.abort_words(abort)}"
+        yield from _group_transfers(trace, known, code, words, aborted)
 
 
 def _group_transfers(

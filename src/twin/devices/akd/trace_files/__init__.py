@@ -125,6 +125,9 @@ _TEXT_READERS: dict[str, tuple[Callable[[str], object], _Text]] = {
         text.read_asc,
     ),
     "CanKing": (re.compile(r"\s*Chn\s+Identifier\s+Flg", re.I).match, tables.read_kvaser),
+    "python-can's print": (text.PRINTED_LINE.match, text.read_printed),
+    "Saleae's table": (tables.SALEAE_HEADER.match, tables.read_saleae),
+    "a serial adapter": (text.SLCAN_LINE.match, text.read_slcan),
     "candump on a terminal": (TERMINAL_LINE.match, read_candump_terminal),
     "a table of frames": (tables.is_table, tables.read_table),
 }

@@ -5,6 +5,7 @@ python-can reads the log alone, and of it error frames as data frames with a 29-
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator
 from datetime import datetime
@@ -17,9 +18,11 @@ from twin.devices.akd.trace_files.frames import (
     classic_frame,
 )
 
+_TIME_PATTERN = r"(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.?\d*))\)\s+)?"
+"""A date or seconds in brackets, if there is a time."""
 LOG_LINE = re.compile(
-    r"\s*\((-?\d+\.?\d*)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
-    r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
+    rf"\s*{_TIME_PATTERN}(?:([^\s#]+)\s+)?([0-9A-Fa-f]{{3}}|[0-9A-Fa-f]{{8}})#"
+    r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}\.?){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
 )
 _DROPPED_FRAMES = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
 """A line of ``candump -d``: frames that the socket lost."""
@@ -47,6 +50,8 @@ class _Dropped:
 
 
 _PLAIN_TIME = re.compile(r"\(\d+\.\d{6}")
+_SHORT_TIME = re.compile(r"\s*\(\d{3}\.\d{6,9}\)")
+"""A time since the first frame or the one before (-tz, -td), which has leading zeros."""
 _PLAIN_HEAD = re.compile(r" +(\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})")
 """The beginning of a line of a log as candump prints it, and what then stands before the data."""
 _RECEIVED_MARKS = {"": True, "R": True, "T": False}
@@ -54,13 +59,14 @@ _RECEIVED_MARKS = {"": True, "R": True, "T": False}
 
 
 def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
-    """Reader of ``candump -L``: ``(1.5) can0 701#05 R``.
+    """Reader of ``candump -L``: ``(1.5) can0 701#05 R``, with times as on a terminal.
 
     Data frames in the form that candump itself prints are read without a regular expression for the
     whole line, in half the time.
     """
-    dropped = _Dropped()
+    dropped, short = _Dropped(), True
     heads = dict[str, tuple[str, int, bool, bool] | None]()
+    frames = list[TracedFrame | None]()
     for line in lines:
         before, _, after = line.partition("#")
         time, _, head = before.partition(")")
@@ -70,14 +76,47 @@ def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame
         if known and data is not None and way in _RECEIVED_MARKS and _PLAIN_TIME.fullmatch(time):
             channel, number, extended, error = known
             received = _RECEIVED_MARKS[way]
-            yield TracedFrame(
+            frame: TracedFrame | None = TracedFrame(
                 float(time[1:]), number, data, extended, False, error, received, len(data), channel
             )
         elif match := LOG_LINE.match(line):
-            yield _log_frame(match)
+            frame = _log_frame(match)
         elif line.strip() and not dropped.is_in(line):
-            yield None
+            frame = None
+        else:
+            continue
+        short = short and (frame is None or _SHORT_TIME.match(line) is not None)
+        frames.append(frame)
+    _settle_times(frames, notes, short=short)
     dropped.note(notes)
+    yield from frames
+
+
+def _settle_times(frames: list[TracedFrame | None], notes: Notes, *, short: bool = True) -> None:
+    """Number frames if most have no times, and add up times that count from the frame before.
+
+    Args:
+        frames: The frames, those without a time at NaN; changed in place.
+        notes: Is given a remark on each change.
+        short: Whether times may count from the frame before.
+    """
+    there = [each for each in frames if each is not None]
+    timed = [each for each in there if not math.isnan(each.timestamp)]
+    if 2 * len(timed) < len(there):
+        notes.timed = False
+        notes.remarks.append("has no times: frames are numbered in their place")
+        for number, each in enumerate(there):
+            each.timestamp = float(number)
+    elif short and _are_differences([each.timestamp for each in timed]):
+        notes.remarks.append("has times from frame to frame (candump -td): they are added up")
+        passed = 0.0
+        for each in timed:
+            each.timestamp = passed = passed + each.timestamp
+
+
+def _seconds_of(day: str | None, seconds: str | None) -> float:
+    """A time in s by its date or its seconds; NaN without both."""
+    return datetime.fromisoformat(day).timestamp() if day else float(seconds or math.nan)
 
 
 def _read_head(text: str) -> tuple[str, int, bool, bool] | None:
@@ -108,12 +147,12 @@ def _read_identifier(text: str) -> tuple[int, bool, bool]:
 
 def _log_frame(match: re.Match[str]) -> TracedFrame | None:
     """The frame of a line of any form that python-can or candump write."""
-    time, channel, text, remote, asked, data, way = match.groups()
+    day, seconds, channel, text, remote, asked, data, way = match.groups()
     number, extended, error = _read_identifier(text)
     return classic_frame(
-        float(time),
+        _seconds_of(day, seconds),
         number,
-        bytes.fromhex(data or ""),
+        bytes.fromhex((data or "").replace(".", "")),
         extended=extended,
         remote=int(asked or 0) if remote else None,
         error=error,
@@ -132,8 +171,8 @@ def without_colours(line: str) -> str:
 
 
 TERMINAL_LINE = re.compile(
-    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(?:(\S+)\s+)?"
-    r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+[\[{]([0-9A-F])[\]}]\s*(.*)$"
+    rf"\s*{_TIME_PATTERN}(?:(\S+)\s+)?"
+    r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+[\[{](\d\d|[0-9A-F])[\]}]\s*(.*)$"
 )
 
 
@@ -144,26 +183,14 @@ def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[Traced
     -tA), since the first frame (-tz), from frame to frame (-td, which are added up), or missing:
     then frames are numbered.
     """
-    frames, dropped, numbered = list[TracedFrame | None](), _Dropped(), False
+    frames, dropped = list[TracedFrame | None](), _Dropped()
     for line in lines:
         # a line with a tab before it (candump -e) explains the error frame above
         if not line.strip() or line.startswith("\t") or dropped.is_in(line):
             continue
         row = TERMINAL_LINE.match(without_colours(line))
-        numbered |= row is not None and row[1] is None and row[2] is None
         frames.append(row and _terminal_frame(row))
-    if numbered:
-        notes.timed = False
-        notes.remarks.append("has no times: frames are numbered in their place")
-        for number, each in enumerate(frames):
-            if each is not None:
-                each.timestamp = float(number)
-    elif _are_differences([each.timestamp for each in frames if each is not None]):
-        notes.remarks.append("has times from frame to frame (candump -td): they are added up")
-        passed = 0.0
-        for each in frames:
-            if each is not None:
-                each.timestamp = passed = passed + each.timestamp
+    _settle_times(frames, notes)
     dropped.note(notes)
     yield from frames
 
@@ -191,7 +218,9 @@ def _are_differences(times: list[float]) -> bool:
 def _terminal_frame(row: re.Match[str]) -> TracedFrame | None:
     """The frame of a line, with the time that it has."""
     day, seconds, channel, way, identifier, length, rest = row.groups()
-    time = datetime.fromisoformat(day).timestamp() if day else float(seconds or 0.0)
+    time = _seconds_of(day, seconds)
+    if len(length) > 1:  # of CAN FD
+        return None
     number, extended, error = _read_identifier(identifier)
     size = min(8, int(length, 16))  # {9} and more: candump -8
     remote = size if "remote request" in rest else None

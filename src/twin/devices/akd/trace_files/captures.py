@@ -23,6 +23,8 @@ from twin.devices.akd.trace_files.frames import (
 _SOCKETCAN, _SLL, _SLL2 = 227, 113, 276
 """Kinds of links: CAN alone, and any device, of which each packet states its protocol."""
 _HEADER_BYTES = {_SOCKETCAN: 0, _SLL: 16, _SLL2: 20}
+_OUTGOING_PACKET = 4
+"""Type of a packet, in captures of any device, that the capturing computer sent."""
 _CAN_PROTOCOL = b"\x00\x0c"
 """The protocol of classic frames."""
 _FD_BYTES, _FD_FLAG, _XL_FLAG = 72, 0x04, 0x80
@@ -73,11 +75,13 @@ def read_capture(raw: BinaryIO, _: Path, notes: Notes) -> Iterator[TracedFrame |
         channel = packet.channel
         if packet.link == _SLL2:
             channel = f"interface {int.from_bytes(content[4:8], 'big')}"
-        yield _socketcan_frame(packet.time, mark, frame[4], frame[8:], channel)
+        kind = {_SLL: content[1:2], _SLL2: content[10:11]}.get(packet.link, b"")
+        sent = kind == bytes([_OUTGOING_PACKET])
+        yield _socketcan_frame(packet.time, mark, frame[4], frame[8:], channel, sent=sent)
 
 
 def _socketcan_frame(
-    time: float, mark: int, length: int, data: bytes, channel: str | None
+    time: float, mark: int, length: int, data: bytes, channel: str | None, *, sent: bool
 ) -> TracedFrame | None:
     """A frame by its identifier with flags; None if it has not so many bytes of data."""
     remote, error = bool(mark & REMOTE_FLAG), bool(mark & ERROR_FLAG)
@@ -91,6 +95,7 @@ def _socketcan_frame(
         extended=extended,
         remote=length if remote else None,
         error=error,
+        sent=sent,
         channel=channel,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import importlib
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, BinaryIO
 
+from twin.base.finalisers import quiet_finalisers
 from twin.devices.akd.trace_files.frames import Notes, TracedFrame, classic_frame
 
 if TYPE_CHECKING:
@@ -43,11 +45,23 @@ def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFra
 
 
 def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None]:
-    """Measurement files (.mf4), where asammdf is installed."""
-    import can  # noqa: PLC0415  takes 0.2 s
+    """Measurement files (.mf4), where asammdf is installed.
 
-    with _unpack(raw, file) as plain, can.MF4Reader(plain) as reader:
-        yield from map(_of_message, reader)
+    If asammdf was imported first, it imported python-can, which then took it for missing.
+    """
+    from can.io import mf4  # noqa: PLC0415  takes 0.2 s
+
+    if getattr(mf4, "asammdf", None) is None:
+        importlib.reload(mf4)
+    found, problem = list[TracedFrame | None](), ""
+    try:
+        with quiet_finalisers(), _unpack(raw, file) as plain, mf4.MF4Reader(plain) as reader:
+            found.extend(map(_of_message, reader))
+    except ValueError as error:
+        problem = str(error)
+    yield from found
+    if problem:
+        raise ValueError(problem)
 
 
 def _of_message(message: can.Message) -> TracedFrame | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from base64 import b64decode
 from binascii import Error as Base64Error
@@ -18,15 +19,17 @@ from twin.devices.akd.trace_files.frames import (
 )
 
 _COLUMN_PATTERNS = {
-    "time": r"(abs)?time(stamp)?s?(s|ms|us|µs|ns|sec|seconds|abs|rel)?",
+    "time": r"(abs)?time(stamp)?s?(epoch|s|ms|us|µs|ns|sec|seconds|abs|rel)?",
     "identifier": r"(can|msg|message|arb)?(id|identifier)(hex|dec)?|arbitrationid|addr(ess)?",
-    "extended": r"(is)?ext(ended)?|xtd",
+    "extended": r"(is)?ext(ended)?|xtd|ide",
     "remote": r"remote|rtr",
     "error": r"er(ror)?",
     "way": r"dir(ection)?|rxtx|tx",
     "channel": r"bus|chan(nel)?|chn|can(bus|channel)?|network",
     "flags": r"flags",
+    "fd": r"(is)?fdf?|edl",
     "length": r"len(gth)?|dlc",
+    "kind": r"type",
     "data": r"data(bytes)?(hex)?|payload",
 }
 """Columns of a table of frames, by their names in small letters without signs and spaces."""
@@ -34,6 +37,8 @@ _BYTE_COLUMN = re.compile(r"(?:d|b|data|byte)(\d)")
 _TRUE_WORDS = {"1", "true", "yes", "x", "t"}
 _KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_SENT = 0x01, 0x04, 0x20, 0xC0
 """Flags of a frame of Kvaser's CANlib, a number in the column of flags."""
+_LOGGER_EXTENDED, _LOGGER_SENT = 1, 8
+"""Bits of the type of a frame of the loggers CL1000 and CL2000."""
 _TIME_UNITS_S = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Units of times in the name of their column, in s."""
 
@@ -60,7 +65,12 @@ def is_table(line: str) -> bool:
 def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """A table with a header: python-can's, SavvyCAN's (GVRET), Kvaser's, and others like them."""
     rows = iter(lines)
-    header = next((line for line in rows if is_table(line)), "")
+    header, logger = "", False
+    for line in rows:
+        logger |= line.startswith("# Logger type:")
+        if is_table(line):
+            header = line
+            break
     places, single, separator = _column_places(header)
     if not header:
         notes.remarks.append("has no header that names time, identifier and data")
@@ -71,6 +81,8 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | Non
         if line.strip()
     )
     cells = list(islice(split, LOOKAHEAD_LINES))
+    if not logger:
+        places.pop("kind", None)
     name = header.split(separator)[places["time"]].lower()
     packed = "arbitration_id" in header  # python-can: bytes in base64
     if packed:
@@ -89,7 +101,9 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | Non
         data_base = 10
     for row in chain(cells, split):
         try:
-            yield _table_row(row, places, single, scale, (base, data_base), packed=packed)
+            time = row[places["time"]]
+            seconds = _logger_time(time) if logger else scale * _number_of(time)
+            yield _table_row(row, places, single, seconds, (base, data_base), packed=packed)
         except (IndexError, ValueError, Base64Error):
             yield None
 
@@ -98,7 +112,7 @@ def _table_row(
     row: list[str],
     places: dict[str, int],
     single: list[int],
-    scale: float,
+    time: float,
     bases: tuple[int, int],
     *,
     packed: bool,
@@ -106,10 +120,15 @@ def _table_row(
     def cell(role: str) -> str:
         return row[places[role]].strip().lower() if role in places else ""
 
+    if cell("fd") in _TRUE_WORDS:
+        return None
     flags = int(cell("flags")) if cell("flags").isdecimal() else 0
+    kind = int(cell("kind") or 0)
     error = cell("error") in _TRUE_WORDS or bool(flags & _KVASER_ERROR)
     remote = cell("remote") in _TRUE_WORDS or bool(flags & _KVASER_REMOTE)
-    extended = cell("extended") in _TRUE_WORDS or bool(flags & _KVASER_EXTENDED)
+    extended = cell("extended") in _TRUE_WORDS or bool(
+        flags & _KVASER_EXTENDED or kind & _LOGGER_EXTENDED
+    )
     if packed:
         data = b64decode(row[places["data"]], validate=True)
     elif single:
@@ -123,13 +142,13 @@ def _table_row(
     text = cell("identifier").removesuffix("h")
     identifier = int(text.rstrip("x"), bases[0])
     return classic_frame(
-        scale * _number_of(row[places["time"]]),
+        time,
         identifier & ((1 << 29) - 1),
         b"" if remote else data,
         extended=extended or identifier > LARGEST_STANDARD,
         remote=int(cell("length") or 0) if remote else None,
         error=error,
-        sent=cell("way")[:1] == "t" or bool(flags & _KVASER_SENT),
+        sent=cell("way")[:1] in {"t", "1"} or bool(flags & _KVASER_SENT or kind & _LOGGER_SENT),
         channel=cell("channel") or None,
     )
 
@@ -143,6 +162,14 @@ def _number_of(text: str) -> float:
         day = f"1970-01-01 {text}" if text[2:3] == ":" else text
         date = datetime.fromisoformat(day)
         return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+def _logger_time(text: str) -> float:
+    """The time of a logger, s: at most year, month, day, hour, minute, second, and always ms."""
+    digits = re.sub(r"\D", "", text).rjust(17, "0")
+    month, day, hour, minute, second = (int(digits[k : k + 2]) for k in range(4, 14, 2))
+    date = datetime(int(digits[:4]) or 1970, month or 1, day or 1, tzinfo=UTC)
+    return date.timestamp() + 3600 * hour + 60 * minute + second + int(digits[14:]) / 1000
 
 
 def _looks_hexadecimal(cells: Iterable[str]) -> bool:
@@ -165,6 +192,46 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
     digits = [each for each in some if each.isdecimal()]
     as_hex = max((int(each, 16) for each in digits), default=0)
     return 10 if as_hex > LARGEST_STANDARD >= max((int(each) for each in digits), default=0) else 16
+
+
+SALEAE_HEADER = re.compile(r"name,type,start_time,duration,(?=.*\bidentifier\b)")
+"""The first line of a table of Saleae Logic 2 with frames of CAN, of which each field is a row."""
+
+
+def read_saleae(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
+    """Reader of Saleae's table: rows of the type ``identifier_field``, ``data_field``, ..."""
+    frame: dict[str, str] = {}
+    data: list[int] = []
+    for row in chain(csv.DictReader(lines), [{"type": "identifier_field"}]):
+        kind = row.get("type") or ""
+        try:
+            if kind == "identifier_field":
+                if frame:
+                    yield _saleae_frame(frame, data)
+                frame, data = dict(row), []
+            elif kind == "control_field":
+                frame["num_data_bytes"] = row["num_data_bytes"]
+            elif kind == "data_field":
+                data.append(int(row["data"], 0))
+            elif kind == "can_error":
+                yield classic_frame(_number_of(row["start_time"]), 0, b"", error=True)
+        except (KeyError, TypeError, ValueError):
+            frame = {}
+            yield None
+
+
+def _saleae_frame(row: dict[str, str], data: list[int]) -> TracedFrame | None:
+    length = int(row.get("num_data_bytes") or "0", 0)
+    remote = row.get("remote_frame") == "true"
+    return classic_frame(
+        _number_of(row["start_time"]),
+        int(row["identifier"], 0),
+        bytes(data),
+        extended=row.get("extended") == "true",
+        remote=length if remote else None,
+        channel=row["name"],
+        stated=length,
+    )
 
 
 def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:

@@ -30,13 +30,14 @@ def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]
         try:
             time = float(parts[0].replace(",", "."))
         except (IndexError, ValueError):
-            if re.search(r"\s[RT]x\s", line):
+            if re.search(r"\s[RT]x\s", line) and not line.lstrip().startswith("//"):
                 yield None  # else a remark, a date, the beginning or end of a block
             continue
         passed = passed + time if relative else time
         try:
-            if len(parts) > 2 and parts[1].upper() == "CANFD":
-                yield _asc_long(passed, parts[2:], base)
+            if len(parts) > 3 and parts[1].upper() == "CANFD":
+                if parts[3].lower() != "txrq":  # a request to send, no frame
+                    yield _asc_long(passed, parts[2:], base)
             elif len(parts) > 2 and parts[1].isdecimal():
                 yield from _asc_short(passed, parts[1:], base)
             elif "chip status" in line:
@@ -66,14 +67,14 @@ def _asc_short(time: float, parts: list[str], base: int) -> Iterator[TracedFrame
     elif len(parts) > 3 and parts[2].lower() in {"rx", "tx"}:
         identifier, extended = _asc_identifier(parts[1], base)
         kind, sent = parts[3].lower(), parts[2].lower() == "tx"
-        length = int(parts[4], base) if kind != "r" or parts[4:5] else 0
-        data = bytes(int(each, base) for each in parts[5 : 5 + min(8, length)])
-        if kind == "r":
-            asked = length if length <= 8 else 0
+        if kind == "r":  # the length may be missing; the frame's duration may follow
+            asked = int(parts[4]) if parts[4:5] and re.fullmatch("[0-8]", parts[4]) else 0
             yield classic_frame(
                 time, identifier, b"", extended=extended, remote=asked, sent=sent, channel=channel
             )
         else:
+            length = int(parts[4], base)
+            data = bytes(int(each, base) for each in parts[5 : 5 + min(8, length)])
             whole = kind == "d" and len(data) == min(8, length)
             yield (
                 classic_frame(time, identifier, data, extended=extended, sent=sent, channel=channel)
@@ -263,3 +264,77 @@ def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame |
             channel=channel,
             stated=int(length),
         )
+
+
+SLCAN_LINE = re.compile(
+    r"\s*(?:([tr])([0-9A-F]{3})|([TR])([0-9A-F]{8}))([0-8])((?:[0-9A-F]{2})*)\s*$", re.IGNORECASE
+)
+"""A frame as serial adapters write it: ``t701105``, ``T`` with 29 bits, ``r`` and ``R`` remote."""
+_SLCAN_MINUTE_S = 60.0
+"""Time in s after which the time of a serial adapter begins anew."""
+
+
+def read_slcan(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
+    """Reader of the lines of a serial adapter (Lawicel), with its times in ms or without."""
+    passed, last, number = 0.0, None, 0
+    for line in lines:
+        row = SLCAN_LINE.match(line)
+        if row is None:
+            if line.strip("\a\r\n zZ"):  # else the adapter's answer to a frame that was sent
+                yield None
+            continue
+        short, _, long, _, length, rest = row.groups()
+        kind, size = short or long, int(length)
+        remote = kind in "rR"
+        data, time = rest[: 0 if remote else 2 * size], rest[0 if remote else 2 * size :]
+        if len(time) not in (0, 4):
+            yield None
+            continue
+        if time:
+            now = int(time, 16) / 1000
+            passed += 0.0 if last is None else (now - last) % _SLCAN_MINUTE_S
+            last = now
+        elif number == 0:
+            notes.timed = False
+            notes.remarks.append("has no times: frames are numbered in their place")
+        yield classic_frame(
+            passed if notes.timed else float(number),
+            int(row[2] or row[4], 16),
+            bytes.fromhex(data),
+            extended=kind in "TR",
+            remote=size if remote else None,
+            stated=size,
+        )
+        number += 1
+
+
+PRINTED_LINE = re.compile(
+    r"\s*Timestamp:\s*(-?\d+\.\d+)\s+ID:\s*([0-9a-f]+)\s+([XS])\s+(.*?)\s*DLC?:\s*(\d+)"
+    r"((?:\s+[0-9a-f]{2})*)(?:\s+'.*')?(?:\s+Channel:\s*(\S+))?\s*$"
+)
+"""A frame as python-can prints it; before its length are Rx or Tx, and E, R, F for its kind."""
+
+
+def read_printed(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
+    """Reader of what python-can prints (can_logger, .txt)."""
+    for line in lines:
+        row = PRINTED_LINE.match(line)
+        if row is None:
+            if line.strip():
+                yield None
+            continue
+        time, identifier, kind, flags, length, data, channel = row.groups()
+        marks = flags.split()
+        remote = "R" in marks
+        frame = classic_frame(
+            float(time),
+            int(identifier, 16),
+            b"" if remote else bytes.fromhex(data),
+            extended=kind == "X",
+            remote=int(length) if remote else None,
+            error="E" in marks,
+            sent="Tx" in marks,
+            channel=channel,
+            stated=int(length),
+        )
+        yield None if "F" in marks else frame
