@@ -551,7 +551,7 @@ OTHER_ENGINE = {"mujoco": "lagrange", "lagrange": "mujoco"}
 
 
 def left_out(part: str, settings: Mapping[str, Setting] = REGISTER) -> dict[str, str]:
-    """The settings that a part leaves out, by key, and why: what follows its name in ``PARTS``."""
+    """The settings that a part leaves out, by key, and why, as words that follow its label."""
     every = ((key, about.followed_by.lacking(part)) for key, about in settings.items())
     return {key: why for key, why in every if why}
 
