@@ -577,7 +577,10 @@ def work_of(name: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Work:
             if about.engine == "c":
                 from twin.study.compiled import KnownCheck
 
-                return Work(about, check=KnownCheck())
+                check = KnownCheck()
+                work = Work(about, check=check)
+                check.check_controllers()
+                return work
             return Work(about)
     except ScenarioError as error:  # it names the scenario
         called = about.title if isinstance(name, Mapping) else name

@@ -262,7 +262,7 @@ def c_source(scenario: Scenario, surface: Array | None, path: Array | None) -> d
 
     Args:
         scenario: The owner of the rig.
-        surface: Relative friction and slope along x and y over the screen, shape (n, m, 3).
+        surface: Its ``surface_of``.
         path: The reference at the control periods, x, y and their first and second derivatives,
             shape (K, 6); None where it is no output.
     """
@@ -275,6 +275,12 @@ def c_source(scenario: Scenario, surface: Array | None, path: Array | None) -> d
     }
     names = ("scenario.h", "scenario.c")
     return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
+
+
+def surface_of(scenario: Scenario) -> Array | None:
+    """Relative friction and slope along x and y over the screen, shape (n, m, 3); None if even."""
+    friction = build_friction([scenario])
+    return None if friction is None or friction.map is None else friction.map.grids[0]
 
 
 def compiled_in(scenario: Scenario, surface: Array | None) -> dict[str, Any]:
@@ -429,10 +435,8 @@ def frame_phase(scenario: Scenario) -> float:
 def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dict[str, str], str]:
     """The C source of a scenario's rig by the names of its files, and its token, a hash of it."""
     written = read_sources(*RIG_SOURCES, *FMI_SOURCES[fmi])
-    friction = build_friction([scenario])
-    surface = None if friction is None or friction.map is None else friction.map.grids[0]
     path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
-    return add_token(written | c_source(scenario, surface, path), held)
+    return add_token(written | c_source(scenario, surface_of(scenario), path), held)
 
 
 def add_token(

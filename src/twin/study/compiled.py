@@ -31,9 +31,10 @@ from twin.fmu.export import (
     first_values,
     frame_phase,
     read_sources,
+    surface_of,
     variables,
 )
-from twin.run.assemble import build_friction, build_reference, control_of, own_errors
+from twin.run.assemble import build_reference, control_of, own_errors
 from twin.run.metrics import Ending, Motion, Outcome, measure
 from twin.scenario.schema import Scenario, changed_in_vain, left_out
 from twin.study.work import Job, Row, carry_out, controller_key, metrics_row, refusal, refused_row
@@ -73,12 +74,6 @@ def find_unknown(scenario: Scenario) -> Iterator[str]:
         yield "sensors.ideal: engine = c measures as a real rig does"
     for key in changed_in_vain(scenario, UNFOLLOWED):
         yield f"{key}: {PARTS['source']} {UNFOLLOWED[key]}"
-
-
-def surface_of(scenario: Scenario) -> Array | None:
-    """Relative friction and slope along x and y over the screen, (n, m, 3); None if it is even."""
-    friction = build_friction([scenario])
-    return None if friction is None or friction.map is None else friction.map.grids[0]
 
 
 def draw_noise(scenario: Scenario, count: int) -> list[Array | None]:
@@ -286,14 +281,13 @@ def knows(scenarios: Iterable[Scenario]) -> bool:
     """
     if find_c_compiler() is None:
         return False
-    controllers: dict[str, Scenario] = {}
-    for scenario in scenarios:
-        controllers.setdefault(controller_key(scenario), scenario)
-        if any(find_unknown(scenario)) or len(controllers) > MOST_CONTROLLERS:
-            return False
+    check = KnownCheck()
     try:
-        for scenario in controllers.values():
-            check_controller(scenario)
+        for scenario in scenarios:
+            check(scenario)
+            if check.more:
+                return False
+        check.check_controllers()
     except TwinError:
         return False
     return True
@@ -312,27 +306,40 @@ def check_known(scenario: Scenario) -> None:
 class KnownCheck:
     """Makes sure, before any of some runs begins, that the compiled loop knows all of each.
 
-    What of a rig the loop does not know is looked for in every run. Whether a controller has a form
-    in C takes longer and is asked once of each, of the first ``MOST_CONTROLLERS``; the others are
-    asked when they are compiled. A controller that cannot be built is left to the run.
+    It is called with every run, and then asked once for the controllers: whether one has a form in
+    C takes longer and is asked of the first ``MOST_CONTROLLERS``; the others are asked when they
+    are compiled. A controller that cannot be built is left to the run.
+
+    Attributes:
+        more: Whether there are more than ``MOST_CONTROLLERS`` controllers.
     """
 
     def __init__(self) -> None:
-        self._controllers = set[str]()
+        self.more = False
+        self._controllers = dict[str, Scenario]()
 
     def __call__(self, scenario: Scenario) -> None:
-        """Check the scenario of a run.
+        """Check the scenario of a run, but for its controller.
 
         Raises:
-            TwinError: If the loop does not know something: what, in a line.
+            ScenarioError: If the loop does not know something: what, in a line.
         """
         check_known(scenario)
         controller = controller_key(scenario)
-        if controller in self._controllers or len(self._controllers) == MOST_CONTROLLERS:
-            return
-        self._controllers.add(controller)
-        if refusal(scenario) is None:
-            check_controller(scenario)
+        if controller not in self._controllers:
+            self.more = len(self._controllers) == MOST_CONTROLLERS
+            if not self.more:
+                self._controllers[controller] = scenario
+
+    def check_controllers(self) -> None:
+        """Check the controllers of the runs.
+
+        Raises:
+            TwinError: If one has no form in C, or what writes it is not installed.
+        """
+        for scenario in self._controllers.values():
+            if refusal(scenario) is None:
+                check_controller(scenario)
 
 
 def check_controller(scenario: Scenario) -> None:
