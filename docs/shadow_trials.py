@@ -22,6 +22,7 @@ import pandas as pd
 from scipy import stats
 
 from controllers.arrays import Array
+from controllers.ballplate import corner_frequency, time_constant
 from docs.pages import HERE, filled, kept, planned
 from twin.base.jobs import cores, results
 from twin.base.writing import write_whole
@@ -169,8 +170,8 @@ def _with_errors(known: Settings, rng: np.random.Generator) -> Settings:
         LEVEL: (np.array(known[LEVEL]) + level).tolist(),
     }
     if BANDWIDTH in known:
-        lag = 1 / (2 * np.pi * known[BANDWIDTH]) + off["lag"]
-        true[BANDWIDTH] = 1 / (2 * np.pi * max(lag, 1e-3))
+        lag = time_constant(known[BANDWIDTH]) + off["lag"]
+        true[BANDWIDTH] = corner_frequency(max(lag, 1e-3))
     if BACKLASH in known:
         true[BACKLASH] = max(
             0.0, known[BACKLASH] + np.degrees(PLAY_WIDTHS_RAD[0]) * off["narrow_play"]

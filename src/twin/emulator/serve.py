@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import time_constant
 from twin.base.errors import RigError
 from twin.base.jobs import let_go, spawn
 from twin.base.settings import from_scenarios
@@ -171,8 +172,7 @@ class EmulatedPlant:
     def shaft_lag(self) -> float:
         """Time constant in s with which its shafts follow the drives' velocities."""
         servo = from_scenarios(DriveModel, [self._scenario])
-        lag = 1 / (2 * np.pi * float(servo.bandwidth)) if servo.bandwidth else 0.0
-        return float(servo.dead_time) + lag
+        return float(servo.dead_time) + time_constant(float(servo.bandwidth))
 
     @property
     def longest_gap(self) -> float:

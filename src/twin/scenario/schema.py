@@ -15,7 +15,7 @@ import pydantic
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from controllers.arrays import Array
-from controllers.ballplate import BallPlate
+from controllers.ballplate import BallPlate, time_constant
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Observer, Reference, catalog_settings
 from twin.base.errors import ModelError
@@ -858,7 +858,7 @@ class Scenario(Section):
         touch, corner = self.sensors.touch, self.plant.servo.bandwidth_hz
         wait = 0.5 / touch.frame_rate if touch.frame_rate else 0.0
         dead = touch.dead_time + self.plant.servo.dead_time
-        return dead + wait, 1 / (2 * math.pi * corner) if corner else 0.0
+        return dead + wait, time_constant(corner)
 
     @property
     def law_ticks(self) -> int:
