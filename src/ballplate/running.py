@@ -105,7 +105,7 @@ def run(
         find(str(each))  # a wrong name is reported before anything heavy is imported
     changed = changes_of(settings, changes)
     chosen = scenario_of(scenario, changed)
-    planned_faults(on, chosen, faults, report)  # a wrong name, too
+    planned = plan_faults_of_run(on, chosen, faults, report)  # a wrong name, too
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     if chosen.board is not None:
         further = {PYTHON_LABEL: chosen.model_copy(update={"board": None, "fault": ()})} | further
@@ -135,7 +135,7 @@ def run(
                 keys,
                 report,
                 reset=reset,
-                faults=faults,
+                planned=planned,
                 hear=heard,
                 try_first=partial(rehearse, scenario, changed, report),
             )
@@ -495,10 +495,10 @@ def rig_of(
         reporter.note(virtual.lag())
 
 
-def planned_faults(
+def plan_faults_of_run(
     on: str | None, scenario: Scenario, faults: Sequence[str], reporter: Reporter
 ) -> list[PlannedFault]:
-    """What the virtual rig is to do to itself in a run.
+    """Plan the faults that the virtual rig injects into itself in a run.
 
     Args:
         on: Rig file, ``emulated`` or None.
@@ -532,7 +532,7 @@ def open_rig(
     reporter: Reporter,
     *,
     reset: bool,
-    faults: Sequence[str] = (),
+    planned: Sequence[PlannedFault] = (),
     hear: Callable[[Any], None] | None = None,
     try_first: Callable[[str, RigFile], None] = lambda *_: None,
 ) -> Iterator[tuple[HardwareRig | None, Scenario]]:
@@ -544,7 +544,7 @@ def open_rig(
         keys: What is changed of the scenario.
         reporter: Receives by how much the virtual rig lagged.
         reset: Whether faults found in the drives are reset.
-        faults: Faults of the virtual rig, ``SECONDS LINE`` each.
+        planned: Faults of the virtual rig.
         hear: Is given every frame on its CAN bus.
         try_first: Tries a scenario that is ``rehearsed`` on the twin of the rig of a file; is given
             what ``on`` names, and the file.
@@ -553,7 +553,6 @@ def open_rig(
         TwinError: If there is no such rig, or its file is wrong.
     """
     name = reporter.name_of("on")
-    planned = planned_faults(on, scenario, faults, reporter)
     if on is None:
         if reset:
             what = reporter.name_of("reset")
