@@ -200,6 +200,20 @@ def test_a_length_beyond_the_area_is_said_where_the_run_ends_before_it(amplitude
     assert found is None if line is None else found.startswith(line)
 
 
+@pytest.mark.parametrize(
+    ("reference", "line"),
+    [
+        ("{kind='path', points=[[0, 0], [0.1, 9]], duration=99}", "reference.points: 0.1, 9 m is"),
+        ("{kind='path', points=[[0, 0], [0.2, 0.1]], duration=99}", None),
+        ("{kind='setpoints', points=[[0, 0, 0], [9, 0.1, 9]]}", "reference.points: 0.1, 9 m is"),
+        ("{kind='setpoints', points=[[0, 0, 0], [9, 0.1, 0.1]]}", None),  # 9 is a time
+    ],
+)
+def test_a_point_beyond_the_area_is_said_where_the_run_ends_before_it(reference, line):
+    found = beyond_area(load("circle", ["duration=1", f"reference={reference}"]))
+    assert found is None if line is None else found.startswith(line)
+
+
 HOBBY = "cure parameters=hobby"  # a lag of 60 ms and 30 ms of dead time
 SLOW = "cure plant.servo.bandwidth_hz=8.0 sensors.touch.dead_time=0.055"  # 20 ms and 13 ms
 BLIND = "observer.plate=modelled"

@@ -379,15 +379,14 @@ def beyond_area(scenario: Scenario) -> str | None:
     cls: Any = choices("reference")[choice.kind]
     for name in cls.lengths:
         length = choice.settings.get(name, getattr(cls, name, None))
-        pair = length if isinstance(length, list | tuple) else (length,)
-        numbers = [each for each in pair if isinstance(each, int | float)]
-        limits = area if len(numbers) == len(area) else (max(area),) * len(numbers)
-        if any(abs(each) > limit for each, limit in zip(numbers, limits, strict=True)):
-            stated = ", ".join(f"{each:g}" for each in numbers)
-            return (
-                f"reference.{name}: {stated} m is beyond rig.limits.area = {area[0]:g}, "
-                f"{area[1]:g} m; in {scenario.duration:g} s the reference does not get there"
-            )
+        for place in np.atleast_2d(np.asarray(length, float))[:, -2:]:  # a goal has its time first
+            limits = area if len(place) == len(area) else max(area)
+            if np.any(np.abs(place) > limits):
+                stated = ", ".join(f"{each:g}" for each in place)
+                return (
+                    f"reference.{name}: {stated} m is beyond rig.limits.area = {area[0]:g}, "
+                    f"{area[1]:g} m; in {scenario.duration:g} s the reference does not get there"
+                )
     return None
 
 
