@@ -57,10 +57,12 @@ def explain(
     scenario: str, overrides: tuple[str, ...], out: Path | None, processes: int | None
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
-    from twin.whatif.attribution import draw, plan, summary
+    from twin.whatif.attribution import describe_short_run, draw, plan, summary
     from twin.whatif.attribution import explain as explain_scenario
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
+    if short := describe_short_run(chosen):
+        warn(short)
     named = run_folder(scenario, overrides)
     folder = check_writable(out or named.with_name(f"explain-{named.name}"))
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
@@ -75,7 +77,7 @@ def explain(
 
 
 def _effects(found: Explanation) -> Iterator[Shown]:
-    from twin.whatif.attribution import EFFECTS, present
+    from twin.whatif.attribution import EFFECTS, describe_short_run, present
 
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
@@ -94,8 +96,8 @@ def _effects(found: Explanation) -> Iterator[Shown]:
     for label, share in (("effects on each other", found.rest), ("left with none", found.base)):
         if share is not None:
             rows.append((label, "", "", percentage(share)))
-    if found.too_short:
-        yield bold(found.too_short)
+    if short := describe_short_run(found.scenario):
+        yield bold(short)
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
     yield f"all effects: {size_text(found.whole)}"
     yield f"none of them: {size_text(found.none)}: the law itself, on a clean model"
