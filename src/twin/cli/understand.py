@@ -284,7 +284,8 @@ def shadow(
     """Compare a recorded run with the twin: is it still right, since when not, and why.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands; with
-    --columns a log of any rig, its ball by --on or --ball, or learned from the reference.
+    --columns a log of any rig, its ball by --on or --ball, or learned from the reference. --ball
+    states the ball of a CSV file with named columns, too; a run states its own.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
     identified ones: it learns then as with --learn). With --reference it is identified from another
     log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
@@ -336,18 +337,17 @@ def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:
 
     Raises:
         LogError: If there is no such ball, role or unit, or a log has other columns than those
-            that this program knows.
-        ScenarioError: If a ball is given for a run.
+            that this program knows, or a ball is given for a run.
     """
-    if how["columns"] is not None:
-        from twin.identify.logs import ball_factor, wanted_columns
+    from twin.identify.logs import ball_factor, wanted_columns
 
-        if how.get("ball") is not None:
-            ball_factor(how["ball"])
+    if how.get("ball") is not None:
+        ball_factor(how["ball"])
+        for file in filter(is_record, files):
+            raise LogError(f"{run_name(file)}: --ball: not allowed; a run states its ball")
+    if how["columns"] is not None:
         wanted_columns(how["columns"])
         return
-    if how.get("ball") is not None:
-        raise ScenarioError("--ball: with --columns only; a run knows its ball")
     for file in files:
         if surveyed := _survey_unknown(file, how["separator"]):
             has = ", ".join(each.name for each in surveyed.columns[:12])
