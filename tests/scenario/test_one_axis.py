@@ -118,6 +118,24 @@ def test_on_a_tube_a_reference_is_what_it_is_along_x(name, reference, title):
     assert scenario.title == title
 
 
+@pytest.mark.parametrize(
+    ("name", "settings", "title"),
+    [
+        ("circle", ["reference.amplitude=0.05"], "Circle of 50 mm at 0.75 rad/s"),
+        ("circle", ["reference.omega=1"], "Circle of 150 mm at 1 rad/s"),
+        ("circle", ["parameters=hobby", "reference.amplitude=0.05"], "Circle of 50 mm at 0.75"),
+        ("step", ["reference.x=0.1", "reference.y=0.05"], "Step to (100, 50) mm"),
+        ("step", ["reference.x=0.1"], "Step to (100, 150) mm"),
+        ("sine", ["reference.amplitude=[0.1, 0.05]"], "Sine on both axes, (100, 50) mm at 0.5"),
+        ("thesis/9_1", ["reference.end=[0.1, 0.1]"], "LQR, step to (100, 100) mm"),
+        ("circle", ["reference.amplitude=0.05", "title=A"], "A"),
+        ("circle", ["duration=20"], "Circle of 150 mm at 0.75 rad/s"),
+    ],
+)
+def test_a_title_states_the_reference_as_it_is_set(name, settings, title):
+    assert load(name, settings).title.startswith(title)
+
+
 def test_a_title_without_lengths_states_the_factor_and_another_length_stays():
     excite = load("excite", ["parameters=tube"])
     assert excite.title == f"Excitation for identification, lengths x {SHARE:g}, along x"

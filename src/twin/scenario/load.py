@@ -12,7 +12,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import reduce
 from itertools import pairwise
 from pathlib import Path
@@ -228,7 +228,8 @@ def _merged(
         merged = _merge_tables(tables, more, settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
-    return _judged_in_time(tables, merged, settings), source
+    merged = _judged_in_time(tables, merged, settings)
+    return _with_real_title(tables, merged, settings), source
 
 
 LAB_RIG_KEYS = {"lab", "student", "told"}
@@ -316,18 +317,79 @@ def _shrink_lengths(title: str, lengths: Iterable[Any], share: float) -> str:
     """
     flat = (np.ravel(np.array(each, dtype=object)) for each in lengths)
     known = {
-        round(1000 * abs(each), 6)
-        for each in itertools.chain(*flat)
-        if isinstance(each, int | float)
+        round(abs(each), 9) for each in itertools.chain(*flat) if isinstance(each, int | float)
     }
 
-    def real(match: re.Match[str]) -> str:
-        scale = 1000.0 if match[2] == "m" else 1.0
-        numbers = [round(scale * float(each), 6) for each in match[1].split(",")]
-        return f"{share * numbers[0]:.3g} mm" if {*numbers} <= known else match[0]
+    def real(numbers: tuple[float, ...], unit: str) -> tuple[float, ...]:
+        return (share * numbers[0],) if unit == "m" and {*numbers} <= known else numbers
 
-    changed = re.sub(r"\(?((?:\d+\.?\d*, )?\d+\.?\d*)\)? (mm|m)\b", real, title)
+    changed = _replace_numbers(title, real)
     return changed.replace(" on both axes", "") if changed != title else title
+
+
+def _replace_numbers(
+    title: str, real: Callable[[tuple[float, ...], str], tuple[float, ...]]
+) -> str:
+    """A title with other numbers of its reference in place of the ones that it states.
+
+    Args:
+        title: As ``Circle of 150 mm at 0.75 rad/s`` or ``Step to (150, 150) mm``.
+        real: Called with numbers that it states, one or a pair, and their unit, m or rad/s; returns
+            those that are to stand there.
+    """
+
+    def rewrite(match: re.Match[str]) -> str:
+        scale = 1000 if match[2] == "mm" else 1
+        stated = tuple(round(float(each) / scale, 9) for each in match[1].split(","))
+        unit = "rad/s" if match[2] == "rad/s" else "m"
+        if (now := real(stated, unit)) == stated:
+            return match[0]
+        factor, shown = (1000, "mm") if unit == "m" else (1, unit)
+        text = ", ".join(f"{factor * each:.3g}" for each in now)
+        return f"({text}) {shown}" if len(now) > 1 else f"{text} {shown}"
+
+    return re.sub(r"\(?((?:\d+\.?\d*, )?\d+\.?\d*)\)? (mm|m|rad/s)\b", rewrite, title)
+
+
+def _with_real_title(
+    tables: Mapping[str, Any], merged: Tables, settings: Collection[tuple[str, Any]]
+) -> Tables:
+    """Tables with a title that states the numbers of the reference as settings have them."""
+    given, title = dict(settings), merged.get("title")
+    match tables.get("reference"), merged.get("reference"):
+        case {"kind": old, **before}, {"kind": kind, **after} if (
+            old == kind and isinstance(title, str) and "title" not in given
+        ):
+            cls: Any = schema.choices("reference").get(str(kind))
+        case _:
+            return merged
+    if cls is None:  # the check of the tables reports it
+        return merged
+    quantities = [(name,) for name in after] + ([("x", "y")] if "y" in cls.lengths else [])
+
+    def numbers_of(table: Mapping[Any, Any], names: Sequence[Any]) -> tuple[float, ...]:
+        values = (_as_tuple(table.get(name, getattr(cls, name, None))) for name in names)
+        return tuple(itertools.chain(*values))
+
+    changed = [
+        (numbers_of(before, names), numbers_of(after, names), names[0] in cls.lengths)
+        for names in quantities
+        if "reference" in given or any(f"reference.{name}" in given for name in names)
+    ]
+
+    def real(numbers: tuple[float, ...], unit: str) -> tuple[float, ...]:
+        for was, now, is_length in changed:
+            if numbers == was and now and (unit == "m") == is_length:
+                return now
+        return numbers
+
+    return {**merged, "title": _replace_numbers(title, real)} if changed else merged
+
+
+def _as_tuple(value: Any) -> tuple[float, ...]:
+    """A number or a pair of them; empty for anything else."""
+    numbers = tuple(value) if isinstance(value, list | tuple) else (value,)
+    return numbers if all(isinstance(each, int | float) for each in numbers) else ()
 
 
 def _goes_along_y(table: Mapping[str, Any]) -> bool:
