@@ -284,13 +284,13 @@ from dataclasses import dataclass
 from twin.base.errors import TwinError
 from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import ramp
-from twin.sim import rig
+from twin.sim import drives
 
 @dataclass(frozen=True, kw_only=True)
-class WithBristles(rig.DriveModel):
+class WithBristles(drives.DriveModel):
     lugre: float = ramp("plant.servo.lugre_stiffness", 0.0, ge=0, {stated})
 
-rig.DriveModel = WithBristles
+drives.DriveModel = WithBristles
 
 import ballplate as bp
 from twin.scenario import load

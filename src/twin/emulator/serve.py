@@ -46,7 +46,8 @@ from twin.hal.interface import Touch, Transmission
 from twin.run.assemble import build_devices, build_plant, start_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
-from twin.sim.rig import DriveModel, SimulatedDevices
+from twin.sim.drives import DriveModel
+from twin.sim.rig import SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 
 MAX_PLANT_STEP_S = 0.001

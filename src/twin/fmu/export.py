@@ -37,11 +37,12 @@ from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT_PATTERN, meanings
 from twin.scenario.schema import RIG_CLASSES, Scenario, changed_in_vain, left_out
+from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.plant.rim import Rim
-from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.transmission import TransmissionError
 
 if TYPE_CHECKING:
     import pandas as pd

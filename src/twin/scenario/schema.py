@@ -23,11 +23,12 @@ from twin.base.followers import FREE, GIVEN, PARTS, Effect, Followers
 from twin.base.settings import Setting, Unit, from_scenarios, settings_of, value_of
 from twin.hal.interface import NOMINAL_PERIOD, Limits
 from twin.hal.linkage import Linkage, TiltTable
+from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallSpin, BallStart, Parts
 from twin.sim.plant.rim import Reach, Rim
-from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.transmission import TransmissionError
 
 STRICT_CONFIG = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 

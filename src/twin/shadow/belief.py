@@ -23,9 +23,10 @@ from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import check, load_recorded, put, read, resolve, setting
 from twin.scenario.schema import Scenario
+from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction
-from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.transmission import TransmissionError
 
 BALL_BELIEFS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
