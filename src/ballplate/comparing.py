@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
 from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
+from ballplate.dangers import warn_of_dangers, warn_of_path
 from ballplate.reporter import (
     Reporter,
     check_processes,
@@ -18,7 +19,7 @@ from ballplate.reporter import (
     showable,
     writable,
 )
-from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_of_path
+from ballplate.running import WORTH_PROCESS, importable
 from twin.base.errors import LawError, ScenarioError
 from twin.base.parts import left_out
 from twin.base.shipped import find

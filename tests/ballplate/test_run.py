@@ -16,8 +16,9 @@ from command_line import called
 
 import ballplate
 from ballplate.changes import changes_of, scenario_of
+from ballplate.dangers import warn_of_dangers
 from ballplate.reporter import Notebook, Reporter
-from ballplate.running import rig_label, warn_of_dangers
+from ballplate.rig_access import rig_label
 from twin.base.shipped import shipped_in
 from twin.run.finished import beyond_area, out_of_reach
 from twin.run.loop import simulate

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import ballplate as bp
+from ballplate.dangers import warn_of_dangers
 from ballplate.reporter import BallplateWarning
-from ballplate.running import warn_of_dangers
 from controllers.advanced import InternalModel
 from controllers.analysis import instability, slow_observer
 from controllers.classical import AFL, LQR, AFLIntegral, Feedforward, PolePlacement

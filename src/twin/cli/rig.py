@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED_RIG, rig_of
+from ballplate.rig_access import EMULATED_RIG, rig_of
 from twin.base.errors import LogError, RigError, ScenarioError
 from twin.base.jobs import cores
 from twin.base.page import Table
