@@ -266,7 +266,7 @@ def compare(
         find(name)  # a wrong name is reported before anything heavy is imported
     from ballplate.results import Result
     from twin.run.finished import open_runs
-    from twin.scenario.load import comparison
+    from twin.scenario.variations import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
     chosen = variants_of(variants, names, report) if variants else {}
@@ -447,7 +447,7 @@ def cases_of(
         ScenarioError: If anything in them is unknown or out of range, or a variant has the name of
             a scenario that is run as it is.
     """
-    from twin.scenario.load import variants
+    from twin.scenario.variations import variants
 
     cases: dict[str, Case] = {}
     for called, changed in (chosen or {}).items():

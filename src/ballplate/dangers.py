@@ -101,7 +101,7 @@ def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> Non
         reporter: Receives progress and warnings.
         label: Which of several runs it is.
     """
-    from twin.run.finished import beyond_area, out_of_reach
+    from twin.run.reach import beyond_area, out_of_reach
 
     for line in (beyond_area(scenario), out_of_reach(scenario)):
         if line:

@@ -234,7 +234,7 @@ def sweep(
         ['0 %', '32 %']
     """
     find(str(scenario))  # a wrong name is reported before anything heavy is imported
-    from twin.scenario.load import comparison, headings
+    from twin.scenario.variations import comparison, headings
 
     base, varied = changes_of(settings, changes), varied_of(vary)
     if not varied:

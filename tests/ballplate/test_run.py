@@ -20,8 +20,8 @@ from ballplate.dangers import warn_of_dangers
 from ballplate.reporter import Notebook, Reporter
 from ballplate.rig_access import rig_label
 from twin.base.shipped import shipped_in
-from twin.run.finished import beyond_area, out_of_reach
 from twin.run.loop import simulate
+from twin.run.reach import beyond_area, out_of_reach
 from twin.scenario import load
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}

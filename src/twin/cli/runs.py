@@ -261,7 +261,7 @@ def sweep(
     runs are written to sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
-    from twin.scenario.load import parse_variations, swept
+    from twin.scenario.variations import parse_variations, swept
 
     (key, points), curves = swept(values), parse_variations(vary)
     named = (values.replace(":", ".."), *vary, *overrides)

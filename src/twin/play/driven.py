@@ -20,7 +20,8 @@ from twin.run.finished import Run, save
 from twin.run.metrics import Outcome
 from twin.run.record import Recorder
 from twin.run.state import Snapshot
-from twin.scenario.load import at_time, check, clean, put
+from twin.scenario.changing import at_time
+from twin.scenario.load import check, clean, put
 from twin.scenario.schema import (
     CONTROL_TABLES,
     JUMP_KEYS,

@@ -42,7 +42,7 @@ from twin.hal.interface import SCREEN_SIZE_M, Limits, Transmission
 from twin.hal.linkage import Linkage, TiltTable, Transmitting
 from twin.hal.rig import Rig
 from twin.scenario import schema
-from twin.scenario.load import at_time, times
+from twin.scenario.changing import at_time, times
 from twin.scenario.schema import TIME_TOLERANCE_S, Scenario, choices
 from twin.sim.drives import DriveModel
 from twin.sim.plant.exact import ExactPlant

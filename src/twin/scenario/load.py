@@ -1,7 +1,6 @@
 """Loads a checked scenario from a name and overrides, or gives one clear line about an error.
 
-Also made of a scenario here: its clean model, its values at a time where it changes while it runs,
-and variants of it with the shortest names that distinguish them.
+Also made of a scenario here: its clean model, and the same cut short.
 """
 
 from __future__ import annotations
@@ -9,14 +8,11 @@ from __future__ import annotations
 import copy
 import itertools
 import json
-import math
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import reduce
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -24,96 +20,11 @@ from pydantic import BaseModel, ValidationError
 from controllers.catalog import LAWS_FOLDER, broken, describe_incomplete_classes, left_alone
 from twin.base.data_file import MAX_NESTING, DataError, parse_toml
 from twin.base.errors import ScenarioError, list_first, nearest, shorten
-from twin.base.settings import value_of
 from twin.base.shipped import chosen, find, shipped_in
 from twin.base.validation import UNKNOWN_KEY_ERRORS, Model, first_finding, keys_of, read_tables
 from twin.scenario import schema
-from twin.scenario.schema import CATALOG_TABLES, TIME_TOLERANCE_S, Change, Scenario
-
-NONE_AT_ZERO = ("slew_deg", "acceleration_deg", "bandwidth_hz", "resonance_hz")
-"""What of ``plant.servo`` is absent at 0 and the stronger the closer to it: no ramp leads there."""
-
-
-def at_time(scenario: Scenario, time: float) -> Scenario:
-    """The scenario with the values that its plant, drives and sensors have at a time in s."""
-    values: dict[str, Any] = {}
-    for change in sorted(scenario.change, key=lambda each: each.at):
-        passed = time - change.at
-        if passed < -TIME_TOLERANCE_S:
-            break
-        share = passed / change.over if passed < change.over - TIME_TOLERANCE_S else 1.0
-        for key, goal in change.set.items():
-            old = values[key] if key in values else value_of(scenario, key)
-            values[key] = _between(old, _tuples(goal), share)
-    return reduce(lambda model, item: _with(model, *item), values.items(), scenario)
-
-
-def always_friction(scenario: Scenario) -> bool:
-    """Whether the ball of a simulated rig rolls with friction all the time."""
-    key = "plant.friction.rolling_mm"
-    values = [each.set[key] for each in scenario.change if key in each.set]
-    return all(value > 0 for value in (value_of(scenario, key), *values))
-
-
-def times(scenarios: Sequence[Scenario]) -> list[float]:
-    """When something changes in any of some scenarios, s, in order."""
-    every = (time for each in scenarios for change in each.change for time in change.times())
-    return sorted({round(time, 9) for time in every})
-
-
-def problem_of_changes(scenario: Scenario) -> str:
-    """Error of a scenario's changes taken together, in one line; empty if there is none.
-
-    Each of them is known to be possible by itself.
-    """
-    for number, change in enumerate(scenario.change):
-        found = _ramp_problem(scenario, change)
-        if found:
-            return f"change.{number}.set: {found}"
-        if change.at >= scenario.duration:
-            return (
-                f"change.{number}.at: {change.at:g} s is not before the end at duration = "
-                f"{scenario.duration:g} s"
-            )
-    for key in schema.RAMP_KEYS + schema.JUMP_KEYS:
-        its = sorted((c for c in scenario.change if key in c.set), key=lambda each: each.at)
-        for one, other in pairwise(its):
-            if other.at < one.end or other.at == one.at:
-                return (
-                    f"change: {key}: changes again at {other.at:g} s, before what began at "
-                    f"{one.at:g} s is over"
-                )
-    return ""
-
-
-def _ramp_problem(scenario: Scenario, change: Change) -> str:
-    """Why no ramp leads from the old values to the new ones; empty if one does."""
-    before = at_time(scenario, change.at - 2 * TIME_TOLERANCE_S)
-    for key in map("plant.servo.{}".format, NONE_AT_ZERO if change.over else ()):
-        if key in change.set and not (change.set[key] and value_of(before, key)):
-            return f"{key}: 0 stands for none, so no ramp leads there; leave out over"
-    return ""
-
-
-def _between(old: Any, new: Any, share: float) -> Any:
-    """Interpolate between two numbers or tuples of them, at a share of the way."""
-    if share == 1.0:
-        return new
-    if isinstance(old, tuple):
-        return tuple(_between(*pair, share) for pair in zip(old, new, strict=True))
-    return old + share * (new - old)
-
-
-def _tuples(value: Any) -> Any:
-    """Lists as the tuples that a scenario has."""
-    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
-
-
-def _with(model: Any, key: str, value: Any) -> Any:
-    """A table with a new value under a dotted key."""
-    name, _, rest = key.partition(".")
-    inner = _with(getattr(model, name), rest, value) if rest else value
-    return model.model_copy(update={name: inner})
+from twin.scenario.changing import at_time, problem_of_changes
+from twin.scenario.schema import CATALOG_TABLES, Scenario
 
 
 def cut_short(scenario: Scenario, duration: float) -> Scenario:
@@ -638,142 +549,3 @@ def every_key() -> list[str]:
         for cls in schema.choices(table).values():
             found += [f"{table}.{name}" for name in schema.settings_model(cls).model_fields]
     return list(dict.fromkeys(found))
-
-
-MAX_RANGE_VALUES = 1000
-"""Values that a range may have."""
-
-
-class Combination(NamedTuple):
-    """One combination of values.
-
-    Attributes:
-        settings: Dotted key to value.
-        label: ``KEY=VALUE`` of each, with spaces between.
-        name: The shortest text that tells it from the others, with the last part of each key.
-    """
-
-    settings: tuple[tuple[str, Any], ...] = ()
-    label: str = ""
-    name: str = ""
-
-
-def parse_variations(vary: Sequence[str]) -> dict[str, list[Any]]:
-    """Key to values of each ``KEY=[A, B, ...]`` or ``KEY=A,B,...``.
-
-    A value may be a table, as ``controller=[{kind="afl"}, {kind="lqr", rho=100}]``.
-
-    Raises:
-        ScenarioError: If a text is neither.
-    """
-    return dict(map(_parse_variation, vary))
-
-
-def swept(text: str) -> tuple[str, list[Any]]:
-    """Key and values of ``KEY=FIRST:LAST:NUMBER``, evenly spaced, or ``KEY=[A, B, ...]``.
-
-    Raises:
-        ScenarioError: If the text is neither.
-    """
-    key, equals, values = (part.strip() for part in text.partition("="))
-    form = f"sweep '{text[:200]}': write KEY=FIRST:LAST:NUMBER, as in duration=5:10:6, or KEY=[A,B]"
-    if not key or not equals or not values:
-        raise ScenarioError(form)
-    if values.startswith("["):
-        return _parse_variation(text)
-    parts = values.split(":")
-    try:
-        first, last, number = float(parts[0]), float(parts[1]), int(parts[2])
-    except (ValueError, IndexError):
-        raise ScenarioError(form) from None
-    if len(parts) != 3 or not math.isfinite(first + last) or not 2 <= number <= MAX_RANGE_VALUES:
-        raise ScenarioError(f"{form}; NUMBER: 2 to {MAX_RANGE_VALUES}")
-    spaced = [float(f"{value:.12g}") for value in np.linspace(first, last, number)]
-    whole = "." not in parts[0] + parts[1] and all(value.is_integer() for value in spaced)
-    return key, [int(value) for value in spaced] if whole else spaced
-
-
-def variants(vary: Mapping[str, Sequence[Any]]) -> list[Combination]:
-    """All combinations of the values of some keys; one without any if there is no key."""
-    return [
-        Combination(
-            tuple(pair for item in each for pair in item.settings),
-            " ".join(item.label for item in each),
-            " ".join(item.name for item in each),
-        )
-        for each in itertools.product(*(_values(key, items) for key, items in vary.items()))
-    ]
-
-
-def comparison(what: str, keys: Iterable[str], changed: Sequence[str]) -> str:
-    """The title of a comparison: what ran, over which keys, and what all runs share.
-
-    Args:
-        what: Title of the scenario, or names of several.
-        keys: What is varied.
-        changed: ``KEY=VALUE`` each; one of the title itself is left out.
-    """
-    varied_keys = ", ".join(keys)
-    over = f" over {varied_keys}" if varied_keys else ""
-    shown = [text for text in changed if text.partition("=")[0].strip() != "title"]
-    return f"{what}{over} ({', '.join(shown)})" if shown else f"{what}{over}"
-
-
-def headings(values: Sequence[Any]) -> list[str]:
-    """What to call values of one key: of a table its kind, with its settings if others have it."""
-    kinds = [value.get("kind") if isinstance(value, Mapping) else None for value in values]
-    return [_heading(value, alone=kinds.count(kinds[i]) == 1) for i, value in enumerate(values)]
-
-
-def format_toml_value(value: Any) -> str:
-    """A value as TOML has it in a line; a text without its quotes."""
-    return value.strip() if isinstance(value, str) else inline(value)
-
-
-def _parse_variation(text: str) -> tuple[str, list[Any]]:
-    key, equals, values = text.partition("=")
-    key = key.strip()
-    if not equals or not key or not values:
-        raise ScenarioError(f"vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
-    try:
-        listed: Any = parse_toml(f"values = {values}")["values"]
-    except tomllib.TOMLDecodeError:
-        if values.count("[") != values.count("]"):
-            raise ScenarioError(f"vary '{text[:200]}': brackets must match") from None
-        listed = [setting(f"{key}={item}")[1] for item in values.strip("[]").split(",")]
-    except DataError as error:
-        raise ScenarioError(f"vary '{key[:200]}': {error}") from None
-    setting(f"{key}=0")  # the key is one
-    return key, listed if isinstance(listed, list) else [listed]
-
-
-def _values(key: str, items: Sequence[Any]) -> list[Combination]:
-    leaf = key.rpartition(".")[2]
-    return [
-        Combination(
-            ((key, item),),
-            f"{key}={format_toml_value(item)}",
-            heading if leaf == "kind" or isinstance(item, Mapping) else f"{leaf}={heading}",
-        )
-        for item, heading in zip(items, headings(items), strict=True)
-    ]
-
-
-def _heading(value: Any, *, alone: bool) -> str:
-    if not isinstance(value, Mapping):
-        return format_toml_value(value)
-    settings = [f"{key}={format_toml_value(item)}" for key, item in value.items() if key != "kind"]
-    kind = str(value.get("kind", ""))
-    if kind and alone:
-        return kind
-    return " ".join(filter(None, (kind, ", ".join(settings)))) or "{}"
-
-
-def inline(value: Any) -> str:
-    """A value as TOML has it in a line."""
-    if isinstance(value, Mapping):
-        inner = ", ".join(f"{key}={inline(item)}" for key, item in value.items())
-        return f"{{{inner}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(inline, value))}]"
-    return json.dumps(value, ensure_ascii=False, default=str)
