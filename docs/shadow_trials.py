@@ -30,8 +30,8 @@ from twin.cli.options import PROCESSES_OPTION
 from twin.cli.output import progress
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow.alarms import likely
 from twin.shadow.belief import TWIN_ERROR_STD, WATCHED_PARAMETERS, belief_of, logs
+from twin.shadow.causes import likely
 from twin.shadow.evidence import PLAY_WIDTHS_RAD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import CHI_SQUARE_95, CHI_SQUARE_MEDIAN

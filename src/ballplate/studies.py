@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twin.scenario.schema import Scenario
+    from twin.study.answers import Answer
     from twin.study.experiments import Do
-    from twin.study.report import Answer
     from twin.study.screen import Screen, Screened
     from twin.study.work import Work
 
@@ -431,8 +431,8 @@ def study(
         >>> rows["outcome"].tolist()
         ['finished', 'finished']
     """
+    from twin.study.answers import answers
     from twin.study.experiments import Store, carry, executors
-    from twin.study.report import answers
 
     report = reporter or default()
     check_processes(processes, report)

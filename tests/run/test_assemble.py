@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from every_setting import OTHER, QUIET
 
-from controllers.controller import PerRigReference
+from controllers.per_rig import PerRigReference
 from controllers.references import Circle, Hold
 from twin.base.errors import ModelError, ScenarioError
 from twin.base.settings import settings_of

@@ -18,7 +18,7 @@ from twin.identify.prepare import prepare
 from twin.run.finished import open_run
 from twin.scenario import load
 from twin.shadow import follow
-from twin.shadow.alarms import Alarm, Cause
+from twin.shadow.causes import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import CHI_SQUARE_95, Replays

@@ -18,8 +18,9 @@ from twin.cli.understand import shadow as command
 from twin.identify.logs import MECHANISM_LAG, of_columns, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.alarms import CHANGE_TEST, Before, weigh
+from twin.shadow.alarms import CHANGE_TEST, Before
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief, belief_of, check_commands, logs
+from twin.shadow.causes import weigh
 from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior, whiten
 from twin.shadow.follow import LEARNING_S, shadow
 from twin.shadow.report import page

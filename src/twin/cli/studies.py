@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from twin.lab.bench import Benchmark, BenchScore
     from twin.lab.grade import Finding
     from twin.lab.schema import Lab
-    from twin.study.report import Answer
+    from twin.study.answers import Answer
     from twin.study.schema import Study
     from twin.study.screen import Screen
     from twin.study.work import Work

@@ -23,18 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from controllers.arrays import Array, Number
 from controllers.ballplate import BallPlate
 from controllers.catalog import AnswerError, locate_error, wrong_answer
-from controllers.controller import (
-    MEASURED_TIME,
-    Controller,
-    HeldLaw,
-    PerRigLaw,
-    PerRigObserver,
-    PerRigReference,
-    Smith,
-    needed_columns,
-)
+from controllers.controller import MEASURED_TIME, Controller, HeldLaw, needed_columns
 from controllers.interfaces import ControlLaw, DelayedObserver, Law, Observer, Reference
+from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
 from controllers.references import ALONG_X, AlongX
+from controllers.smith import Smith
 from twin.base.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.base.settings import from_changes, from_scenarios, per_rig, settings_of, value_of
 from twin.hal.cams import CamTable, FixedRatio

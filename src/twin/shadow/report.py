@@ -24,7 +24,7 @@ from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import RUN_COLOURS, styled_figure
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import Alarm, resolution
+from twin.shadow.alarms import resolution
 from twin.shadow.belief import (
     BELIEF_TABLES,
     CAUSE_SIZES,
@@ -33,6 +33,7 @@ from twin.shadow.belief import (
     check_commands,
     twin_for_log,
 )
+from twin.shadow.causes import Alarm
 from twin.shadow.follow import DIAGNOSIS_S, LEARNING_S, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
 from twin.sim.plant.rim import Ends

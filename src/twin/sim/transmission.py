@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.arrays import Array, Number, column
-from controllers.controller import Groups
+from controllers.per_rig import Groups
 from twin.base.settings import Unit, ramp
 from twin.hal.interface import Transmission
 from twin.sim.drives import SERVO_FOLLOWERS
