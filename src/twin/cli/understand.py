@@ -161,7 +161,7 @@ def identify(
         show(surveyed.as_dict(), _describe_survey(surveyed))
         return 1
     hold_out = _held_out(held)
-    from ballplate.results import identify as identify_log
+    from ballplate.identifying import identify as identify_log
     from twin.identify.report import TABLE_HEADINGS, rows
     from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
 
