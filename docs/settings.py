@@ -5,7 +5,7 @@ from itertools import groupby
 from docs.pages import HERE, filled, write
 from twin.base.followers import FREE, PARTS, Effect, Followers
 from twin.scenario.describe import Key, about, every_kind, find_keys
-from twin.scenario.schema import REGISTER, left_out
+from twin.scenario.rig_tables import REGISTER, left_out
 
 OPEN_WORDS = {"source": "parameter", "identify": "fitted", "symbols": "symbol"}
 """What a part makes of a setting that it leaves open."""

@@ -67,7 +67,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
 def _option_of_rig(scenario: Scenario) -> str:
     """The option by which a command runs on the rig of a scenario; empty of the thesis's rig."""
     from twin.identify import logs
-    from twin.scenario.schema import PlantTable
+    from twin.scenario.rig_tables import PlantTable
 
     plant, usual = (each.model_dump(mode="json") for each in (scenario.plant, PlantTable()))
     if name := logs.rig_of({"plant": plant}):

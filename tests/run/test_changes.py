@@ -15,7 +15,8 @@ from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.changing import at_time
 from twin.scenario.load import load
-from twin.scenario.schema import JUMP_KEYS, LEFT_OUT, RAMP_KEYS
+from twin.scenario.rig_tables import LEFT_OUT
+from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS
 
 PLANTS = ("lagrange", "mujoco")
 

@@ -29,7 +29,7 @@ from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.scenario.schema import ENGINES, REGISTER, Section, register
+from twin.scenario.rig_tables import ENGINES, REGISTER, Section, register
 from twin.whatif.attribution import EFFECTS, effects_of, without
 
 SHORT = ("duration=0.3", "metrics.start=0", "plant.start.x_rate=0.1")

@@ -36,7 +36,8 @@ from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT_PATTERN, meanings
-from twin.scenario.schema import RIG_CLASSES, Scenario, changed_in_vain, left_out
+from twin.scenario.rig_tables import RIG_CLASSES, left_out
+from twin.scenario.schema import Scenario, changed_in_vain
 from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts

@@ -37,7 +37,8 @@ from twin.plan.experiment import (
 )
 from twin.run.assemble import build_reference
 from twin.scenario.load import read
-from twin.scenario.schema import RigLimitsTable, Scenario
+from twin.scenario.rig_tables import RigLimitsTable
+from twin.scenario.schema import Scenario
 from twin.scenario.variations import inline
 from twin.shadow.belief import logs
 

@@ -36,6 +36,7 @@ from twin.hal.linkage import Linkage, TiltTable, Transmitting
 from twin.hal.rig import Rig
 from twin.scenario import schema
 from twin.scenario.changing import at_time, times
+from twin.scenario.rig_tables import PLANT_KINDS
 from twin.scenario.schema import TIME_TOLERANCE_S, Scenario, choices
 from twin.sim.drives import DriveModel
 from twin.sim.plant.exact import ExactPlant
@@ -251,8 +252,8 @@ PLANTS = {
 def register(name: str, kind: PlantKind) -> None:
     """Let scenarios of this process name a further plant."""
     PLANTS[name] = kind
-    if name not in schema.PLANT_KINDS:
-        schema.PLANT_KINDS.append(name)
+    if name not in PLANT_KINDS:
+        PLANT_KINDS.append(name)
 
 
 @lru_cache(maxsize=8)

@@ -24,6 +24,7 @@ from twin.base.shipped import chosen, find, shipped_in
 from twin.base.validation import UNKNOWN_KEY_ERRORS, Model, first_finding, keys_of, read_tables
 from twin.scenario import schema
 from twin.scenario.changing import at_time, problem_of_changes
+from twin.scenario.rig_tables import SCENARIO_TABLES, RigLimitsTable, without_ball
 from twin.scenario.schema import CATALOG_TABLES, Scenario
 
 
@@ -69,8 +70,7 @@ def clean(scenario: Scenario) -> Scenario:
         "disturbance": {"variance": none},
     }
     tables = {
-        name: schema.SCENARIO_TABLES[name].model_validate(table)
-        for name, table in tables_of.items()
+        name: SCENARIO_TABLES[name].model_validate(table) for name, table in tables_of.items()
     }
     prompt = scenario.without_computing_time
     return prompt.model_copy(
@@ -187,7 +187,7 @@ def _merge_tables(
     merged = put(laid_over(tables, more), settings)
     try:
         limits = (each.get("rig", {}).get("limits", {}) for each in (tables, merged))
-        was, now = (each.get("area", schema.RigLimitsTable().area) for each in limits)
+        was, now = (each.get("area", RigLimitsTable().area) for each in limits)
         axes = [each.get("plant", {}).get("axes", 2) for each in (tables, merged)]
         areas = list(zip(now, was, strict=True))[: axes[1]]
         share = min(1.0, *(new / old for new, old in areas))
@@ -416,7 +416,7 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
             for other in table.keys() - {"model"}:
                 del table[other]
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
-            schema.without_ball(result["plant"], table["kind"])
+            without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)
     return result
 

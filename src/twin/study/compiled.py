@@ -36,7 +36,8 @@ from twin.fmu.export import (
 )
 from twin.run.assemble import build_reference, control_of, own_errors
 from twin.run.metrics import Ending, Motion, Outcome, measure
-from twin.scenario.schema import Scenario, changed_in_vain, left_out
+from twin.scenario.rig_tables import left_out
+from twin.scenario.schema import Scenario, changed_in_vain
 from twin.study.work import Job, Row, carry_out, controller_key, metrics_row, refusal, refused_row
 
 NAME = "controller"

@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError
 from twin.run.tables import INDICATOR_LABELS
-from twin.scenario.schema import LEFT_OUT
+from twin.scenario.rig_tables import LEFT_OUT
 from twin.study.experiments import label_rows
 from twin.study.fidelity import (
     Estimate,

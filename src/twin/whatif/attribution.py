@@ -24,7 +24,8 @@ from twin.run.assemble import linkage_of
 from twin.run.finished import Run
 from twin.run.metrics import Ending
 from twin.run.together import run_together, work_in_batches
-from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
+from twin.scenario.rig_tables import CAMS_ONLY, LEFT_OUT, REGISTER
+from twin.scenario.schema import Scenario
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""
