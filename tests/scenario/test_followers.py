@@ -15,7 +15,7 @@ from every_setting import OTHER
 
 import ballplate as bp
 from twin.base.errors import ModelError, ScenarioError
-from twin.base.followers import DEFAULT, FREE, GIVEN, PARTS, SHAPE, Effect, Followers
+from twin.base.followers import DEFAULT, FOLLOWER_LABELS, FREE, GIVEN, SHAPE, Effect, Followers
 from twin.base.settings import setting
 from twin.fmu.export import frame_phase, sources, variables
 from twin.identify.logs import of_columns
@@ -142,7 +142,7 @@ def test_a_setting_that_a_plant_leaves_out_is_refused_in_a_line_that_says_why(ki
     why = REGISTER[key].followed_by.lacking(ENGINES[kind])
     with pytest.raises(ScenarioError) as refused:
         load("circle", [f"plant.kind={kind}", f"{key}={VALUES[key]}"])
-    assert f"{key}: {PARTS[ENGINES[kind]]} {why}; set plant.kind=" in str(refused.value)
+    assert f"{key}: {FOLLOWER_LABELS[ENGINES[kind]]} {why}; set plant.kind=" in str(refused.value)
 
 
 def source_of(told):

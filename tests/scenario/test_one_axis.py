@@ -10,7 +10,7 @@ import pytest
 import ballplate as bp
 from controllers.references import Circle, Hold, Lissajous, Sine, closed_form
 from twin.base.errors import RecordError, ScenarioError
-from twin.base.followers import PARTS
+from twin.base.followers import FOLLOWER_LABELS
 from twin.play.driven import Driven
 from twin.run.assemble import build_reference
 from twin.scenario.load import check, clean, load, read, resolve
@@ -69,7 +69,10 @@ def test_a_tube_is_the_x_axis_of_a_plate():
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"plant.kind": "mujoco"}, f"plant.axes: {PARTS['mechanism']} is a plate that tilts about"),
+        (
+            {"plant.kind": "mujoco"},
+            f"plant.axes: {FOLLOWER_LABELS['mechanism']} is a plate that tilts about",
+        ),
         ({"plant.axes": 3}, "plant.axes: must be 1 or 2, got 3"),
         ({"plant.shape": "round", "plant.size": [0.1, 0.1]}, "plant.shape: must be 'rectangle'"),
         ({"plant.start.spin": 1.0}, "plant.start.spin: leave it out with plant.axes = 1"),

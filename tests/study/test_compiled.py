@@ -52,8 +52,8 @@ SURFACED = ("uneven", "sloping")
 def quickly_compiled(request, monkeypatch):
     """To optimise is most of what compiling takes; long tests simulate for longer than that."""
     if request.node.get_closest_marker("long") is None:
-        flags = ["-O0" if flag == "-O3" else flag for flag in compiled.FLAGS]
-        monkeypatch.setattr(compiled, "FLAGS", flags)
+        flags = ["-O0" if flag == "-O3" else flag for flag in compiled.LOOP_FLAGS]
+        monkeypatch.setattr(compiled, "LOOP_FLAGS", flags)
 
 
 def scenario(*settings: str, name: str = "circle", seconds: float = 1.0) -> Scenario:

@@ -26,7 +26,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.followers import FREE, PARTS
+from twin.base.followers import FOLLOWER_LABELS, FREE
 from twin.base.page import render_template
 from twin.base.parts import own_version
 from twin.base.programs import find_c_compiler
@@ -159,7 +159,7 @@ def parameters(scenario: Scenario, part: str = "source") -> Iterator[Variable]:
 
     Args:
         scenario: The scenario.
-        part: The C source of an FMU, or a different one of ``twin.base.followers.PARTS``.
+        part: The C source of an FMU, or a different one of ``twin.base.followers.FOLLOWER_LABELS``.
     """
     for about, meaning in _open_settings(part):
         yield from _parameter(scenario, about, meaning)
@@ -372,7 +372,7 @@ def export(
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
     unfollowed = left_out("source")
     for key in changed_in_vain(scenario, unfollowed):
-        raise ScenarioError(f"{key}: {PARTS['source']} {unfollowed[key]}")
+        raise ScenarioError(f"{key}: {FOLLOWER_LABELS['source']} {unfollowed[key]}")
     held = variables(scenario, frame_phase(scenario), path=wished)
     return write_fmu(
         path,

@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate, time_constant
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Observer, Reference, catalog_settings
-from twin.base.followers import PARTS
+from twin.base.followers import FOLLOWER_LABELS
 from twin.base.settings import from_scenarios, settings_of, value_of
 from twin.hal.linkage import Linkage, TiltTable
 from twin.scenario.rig_tables import (
@@ -359,7 +359,7 @@ class Scenario(Section):
         for key in changed_in_vain(self, LEFT_OUT.get(kind, ())):
             other = OTHER_ENGINE[kind]
             remedy = "" if key in LEFT_OUT[other] else f"; set plant.kind={other}"
-            yield f"{key}: {PARTS[ENGINES[kind]]} {LEFT_OUT[kind][key]}{remedy}"
+            yield f"{key}: {FOLLOWER_LABELS[ENGINES[kind]]} {LEFT_OUT[kind][key]}{remedy}"
         if self.board is not None and (problem := self.board.problem()):
             yield problem
         if problem := self.plant.problem():

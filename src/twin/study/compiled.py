@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.followers import PARTS
+from twin.base.followers import FOLLOWER_LABELS
 from twin.base.parts import extra
 from twin.base.programs import find_c_compiler, find_error_line
+from twin.board.program import CONTROLLER_NAME
 from twin.fmu.export import (
     RIG_SOURCES,
     add_token,
@@ -40,11 +41,9 @@ from twin.scenario.rig_tables import left_out
 from twin.scenario.schema import Scenario, changed_in_vain
 from twin.study.work import Job, Row, carry_out, controller_key, metrics_row, refusal, refused_row
 
-NAME = "controller"
-"""What the names of the controller's C source begin with."""
 LANES = 4
 """Rigs that are simulated side by side: so many numbers a processor calculates at once."""
-FLAGS = (
+LOOP_FLAGS = (
     *("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden"),
     *("-fno-math-errno", "-fno-trapping-math", "-fopenmp-simd", f"-DLANES={LANES}"),
 )
@@ -74,7 +73,7 @@ def find_unknown(scenario: Scenario) -> Iterator[str]:
     if scenario.sensors.ideal:
         yield "sensors.ideal: engine = c measures as a real rig does"
     for key in changed_in_vain(scenario, UNFOLLOWED):
-        yield f"{key}: {PARTS['source']} {UNFOLLOWED[key]}"
+        yield f"{key}: {FOLLOWER_LABELS['source']} {UNFOLLOWED[key]}"
 
 
 def draw_noise(scenario: Scenario, count: int) -> list[Array | None]:
@@ -228,7 +227,7 @@ def compile_runs(scenario: Scenario, surface: Array | None, folder: Path) -> Pat
     compiler = find_c_compiler()
     if compiler is None:
         raise TwinError("engine: c needs a C compiler (cc, gcc or clang); none is installed")
-    parts = controller_parts(NAME, control_of(scenario), "double")
+    parts = controller_parts(CONTROLLER_NAME, control_of(scenario), "double")
     fixed = c_source(scenario, surface, None)
     rig, _ = add_token(read_sources(*RIG_SOURCES) | fixed, variables(scenario, 0.0))
     texts = {
@@ -242,7 +241,7 @@ def compile_runs(scenario: Scenario, surface: Array | None, folder: Path) -> Pat
     library = folder / "runs.so"
     files = [name for name in texts if name.endswith(".c")]
     done = subprocess.run(
-        [compiler, *FLAGS, "-o", library.name, *files, "-lm"],
+        [compiler, *LOOP_FLAGS, "-o", library.name, *files, "-lm"],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -352,7 +351,7 @@ def check_controller(scenario: Scenario) -> None:
     with extra("casadi", "engine = c"):
         from twin.board.source import controller_parts  # noqa: PLC0415  heavy
     with own_errors():
-        controller_parts(NAME, control_of(scenario), "double")
+        controller_parts(CONTROLLER_NAME, control_of(scenario), "double")
 
 
 def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:

@@ -47,7 +47,7 @@ CHECKED_POINTS = 5
 MIN_TAIL_POINTS = 20
 """Fewest points on the mechanism on either side of a quantile: with 10 its intervals hold the truth
 in 93 %, with fewer in less."""
-SHARES = {"5 %": 0.05, "median": 0.5, "95 %": 0.95}
+QUANTILE_SHARES = {"5 %": 0.05, "median": 0.5, "95 %": 0.95}
 """Quantiles that are estimated, by name."""
 
 Carry = Callable[[Work], pa.Table]
@@ -291,7 +291,7 @@ class Screen:
         if wide_good.any():
             points = Points(own[at][good], units[good])
             others = Points(wide[wide_at][wide_good], wide_units[wide_good])
-            for statistic, share in SHARES.items():
+            for statistic, share in QUANTILE_SHARES.items():
                 if min(share, 1 - share) * good.sum() < MIN_TAIL_POINTS:
                     continue
                 alone = estimate_quantile(share, points)
