@@ -265,7 +265,7 @@ def compare(
     for name in names:
         find(name)  # a wrong name is reported before anything heavy is imported
     from ballplate.results import Result
-    from twin.run.finished import open_runs
+    from twin.run.opened import open_runs
     from twin.scenario.variations import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
@@ -638,7 +638,7 @@ def load(path: str | Path) -> Result | Comparison | Log:
     """
     from ballplate.results import Log, Result
     from twin.identify import logs
-    from twin.run.finished import open_runs
+    from twin.run.opened import open_runs
 
     file = Path(path)
     if file.suffix == ".csv":

@@ -11,7 +11,8 @@ from ballplate.reporter import Reporter, default, overview, showable
 from twin.base.errors import RecordError
 from twin.base.writing import write_whole
 from twin.run.files import FILM_SUFFIXES, Indicators, Signals, free
-from twin.run.finished import Run, draw, of_other_class, save_record
+from twin.run.finished import Run, draw, save_record
+from twin.run.opened import of_other_class
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.changes import Changes, KeyChange, Settings, changes_of, scenario_of
 from ballplate.dangers import warn_of_dangers, warn_of_path
 from ballplate.evidence import Attach, stream_record, trace_file, write_trace
 from ballplate.rehearsing import rehearse
@@ -91,13 +91,12 @@ def run(
     changed = changes_of(settings, changes)
     chosen = scenario_of(scenario, changed)
     planned = plan_faults_of_run(on, chosen, faults, report)  # a wrong name, too
-    further = {Path(name).stem: scenario_of(name, changed) for name in others}
-    if chosen.board is not None:
-        further = {PYTHON_LABEL: chosen.model_copy(update={"board": None, "fault": ()})} | further
+    further = _further_scenarios(chosen, others, changed)
     from ballplate.results import Result, recorded
     from twin.base.jobs import SecondProcess, cores
     from twin.run.assemble import PLANTS
-    from twin.run.finished import draw, holds_finished
+    from twin.run.finished import draw
+    from twin.run.opened import holds_finished
 
     folder = writable(out, report)
     if folder is not None and on is not None:
@@ -147,6 +146,25 @@ def run(
             # a clean model that nobody waits for any more may keep the second process busy
             draw(result, folder, result.motions, second if result.finished else None)
         return result
+
+
+def _further_scenarios(
+    chosen: Scenario, others: Sequence[str | Path], changed: Sequence[KeyChange]
+) -> dict[str, Scenario]:
+    """What runs next to a scenario, by label: the controller in Python if it is a program, others.
+
+    Args:
+        chosen: The scenario.
+        others: Names or files of further ones.
+        changed: What is changed of all.
+
+    Raises:
+        ScenarioError: If there is no such scenario, or anything in it is unknown or out of range.
+    """
+    found = {}
+    if chosen.board is not None:
+        found[PYTHON_LABEL] = chosen.model_copy(update={"board": None, "fault": ()})
+    return found | {Path(name).stem: scenario_of(name, changed) for name in others}
 
 
 def _run_others(

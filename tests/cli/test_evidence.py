@@ -23,7 +23,7 @@ from twin.devices.akd.recording import TraceWriter
 from twin.devices.akd.traces import parts, read_trace, seal
 from twin.emulator.lockstep import LockstepRig
 from twin.run.files import STREAM_FILE
-from twin.run.finished import open_run
+from twin.run.opened import open_run
 from twin.scenario.load import load
 from twin.view.html import html
 

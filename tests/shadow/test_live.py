@@ -15,7 +15,7 @@ from twin.cli.runs import run as run_command
 from twin.cli.understand import shadow as shadow_command
 from twin.identify.logs import read
 from twin.identify.prepare import prepare
-from twin.run.finished import open_run
+from twin.run.opened import open_run
 from twin.scenario import load
 from twin.shadow import follow
 from twin.shadow.causes import Alarm, Cause

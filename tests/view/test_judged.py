@@ -9,8 +9,9 @@ import pytest
 from twin.base.errors import ScenarioError
 from twin.hal.supervisor import State
 from twin.run.files import STREAM_FILE
-from twin.run.finished import open_run, run, run_metadata
+from twin.run.finished import run, run_metadata
 from twin.run.metrics import Ending, Motion, Outcome, measure
+from twin.run.opened import open_run
 from twin.run.record import stream
 from twin.scenario.load import cut_short, load
 from twin.shadow.report import sentences

@@ -19,9 +19,9 @@ from twin.cli import ballplate
 from twin.run import finished
 from twin.run.assemble import build_controller
 from twin.run.files import export
-from twin.run.finished import open_run, open_runs
 from twin.run.logs import NEEDED_COLUMNS
 from twin.run.metrics import INTERRUPTED_REASON
+from twin.run.opened import open_run, open_runs
 from twin.scenario.load import load
 from twin.whatif.futures import agreement, branches_of, futures, moment_of
 from twin.whatif.moments import PATH_FIT, SYNCHRONISATION, exact, path, take_over

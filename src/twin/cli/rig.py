@@ -437,7 +437,7 @@ def trace(
     if not found.timed and (again or log):
         raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
     if place.name == TRACE_FILE:
-        from twin.run.finished import incomplete_of
+        from twin.run.opened import incomplete_of
 
         found.remarks[:0] = incomplete_of(place.parent)
     if rig:

@@ -20,9 +20,10 @@ from twin.identify.logs import read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges
 from twin.run.assemble import assemble
 from twin.run.files import WHATIF_FILE, forget, free, is_record, record_of, short_key, slug
-from twin.run.finished import Run, draw_runs, open_run, record_run, versions
+from twin.run.finished import Run, draw_runs, record_run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
+from twin.run.opened import open_run
 from twin.run.record import Recorder
 from twin.scenario.load import check, load, put, setting, split_settings
 from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, Scenario, choices
