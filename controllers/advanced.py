@@ -17,7 +17,8 @@ from annotated_types import Ge, Gt, Lt
 from controllers.arrays import Array, NotNegative, Positive
 from controllers.ballplate import TILT_SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
-from controllers.stable_inversion import AboutMotion, DesiredMotion, MotionPlan, Tilts, flat_axis
+from controllers.stable_inversion import AboutMotion, DesiredMotion, MotionPlan, flat_axis
+from controllers.two_sided import Tilts
 
 __all__ = ["InternalModel", "IterativeLearning", "Predictive", "TimeVaryingLQR"]
 

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from controllers.ballplate import BALL_ACCELERATIONS, BALL_POSITIONS
-from controllers.controller import HeldLaw, Smith
+from controllers.controller import HeldLaw
 from controllers.design import format_numbers, sample
 from controllers.interfaces import ControlLaw, Law, Measurement, Observer, Reference
 from controllers.observers.thesis import Ideal
 from controllers.references import Hold
+from controllers.smith import Smith
 
 
 def slow_observer(law: ControlLaw, observer: Observer) -> str | None:

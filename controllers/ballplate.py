@@ -239,6 +239,16 @@ def stack_reference(r: Array) -> Array:
     return r.transpose(*range(1, r.ndim), 0)
 
 
+def corner_frequency(lag: float) -> float:
+    """Corner frequency in Hz of a first-order lag of a time constant in s; 0 without a lag."""
+    return float(1 / (2 * np.pi * lag)) if lag else 0.0
+
+
+def time_constant(corner: float) -> float:
+    """Time constant in s of a first-order lag of a corner frequency in Hz; 0 without a lag."""
+    return float(1 / (2 * np.pi * corner)) if corner else 0.0
+
+
 class _Seen(NamedTuple):
     """Coefficients of the equations of motion: numbers for one rig, arrays for several.
 

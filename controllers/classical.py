@@ -22,7 +22,7 @@ from annotated_types import Gt, Le, Len
 from controllers.arrays import Array, NotNegative, Positive, multiply_rows
 from controllers.ballplate import TILT_SIGN, stack_reference
 from controllers.design import Pole, format_numbers, gains_from, require_stable, stable_poles
-from controllers.interfaces import Law, Reference
+from controllers.interfaces import Law, Reference, with_entries
 
 __all__ = [
     "AFL",
@@ -75,7 +75,7 @@ class PolePlacement(_StateFeedback):
 
     name: ClassVar[str] = "pole_placement"
 
-    poles: tuple[Pole, ...] = (-2, -2.5, -3.5, -4)
+    poles: tuple[Pole, ...] = with_entries((-2, -2.5, -3.5, -4), along_x=4)
     """Closed-loop poles in 1/s: four for each axis alike, or eight, for x and then for y."""
 
     def _gain(self) -> Array:
@@ -102,9 +102,9 @@ class LQR(_StateFeedback):
     """Weight of the state against the input (6.11)."""
     kappa: NotNegative = 0.3
     """Weight of the rates against the positions (6.11)."""
-    Q: Annotated[tuple[NotNegative, ...], Len(8, 8)] | None = None
+    Q: Annotated[tuple[NotNegative, ...], Len(8, 8)] | None = with_entries(None, along_x=4)
     """Diagonal of the state weight, eight numbers; given, it replaces ``rho`` and ``kappa``."""
-    R: tuple[Positive, Positive] = (1.0, 1.0)
+    R: tuple[Positive, Positive] = with_entries((1.0, 1.0), along_x=1)
     """Diagonal of the input weight."""
 
     def _gain(self) -> Array:
@@ -309,7 +309,9 @@ class AFL(Law):
 
     poles: tuple[Pole, ...] = (-2, -2.5, -3.5, -4)
     """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.4."""
-    gains: Annotated[tuple[float, ...], Len(4, 4)] | None = None
+    gains: Annotated[tuple[float, ...], Len(4, 4)] | None = with_entries(
+        None, "p0", "p1", "p2", "p3"
+    )
     """The gains (p0, p1, p2, p3) themselves; given, they replace the poles."""
 
     powers: ClassVar[tuple[int, ...]] = (0, 1, 2, 3)
@@ -360,7 +362,9 @@ class AFLIntegral(AFL):
 
     poles: tuple[Pole, ...] = (-1, -1.5, -2, -2.5, -3)
     """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.6."""
-    gains: Annotated[tuple[float, ...], Len(5, 5)] | None = None
+    gains: Annotated[tuple[float, ...], Len(5, 5)] | None = with_entries(
+        None, "p0", "p1", "p2", "p3", "p_I"
+    )
     """The gains (p0, p1, p2, p3, p_I) themselves; given, they replace the poles."""
     powers: ClassVar[tuple[int, ...]] = (1, 2, 3, 4, 0)
     """As of AFL, in the polynomial s^5 + p3 s^4 + ... + p0 s + p_I (6.61)."""
@@ -395,7 +399,9 @@ class Backstepping(Law):
 
     name: ClassVar[str] = "backstepping"
 
-    c: tuple[Positive, Positive, Positive, Positive] = (1.0, 2.0, 2.5, 3.0)
+    c: tuple[Positive, Positive, Positive, Positive] = with_entries(
+        (1.0, 2.0, 2.5, 3.0), "c1", "c2", "c3", "c4"
+    )
     """Gains c1 to c4 in 1/s; the default is case 2 of Table 8.8."""
 
     @cached_property
@@ -448,7 +454,9 @@ class SlidingMode(Law):
     alpha: Positive = 1.5
     """Largest plate acceleration in rad/s^2. The thesis prints alpha = -1.5 and one sign for both
     axes, with which one of them runs away; here alpha is the amplitude and positive."""
-    betas: tuple[Positive, Positive, Positive] = (0.5, 1.0, 3.0)
+    betas: tuple[Positive, Positive, Positive] = with_entries(
+        (0.5, 1.0, 3.0), "beta1", "beta2", "beta3"
+    )
     """Gains beta1 to beta3; the default is case 1 of Table 8.10."""
     epsilon: Positive = 0.1
     """Width of the sigmoid s / (|s| + epsilon) (2.52)."""

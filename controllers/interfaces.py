@@ -26,8 +26,35 @@ from controllers.arrays import (
 from controllers.ballplate import BallPlate
 
 Constants = TypeVar("Constants")
+Numbers = TypeVar("Numbers")
 _NO_SETTING = "no_setting"
 """Mark in the metadata of a field that no scenario may write."""
+_ENTRIES = "entries"
+"""Place of the ``Entries`` in the metadata of a field."""
+
+
+class Entries(NamedTuple):
+    """Meaning of the single numbers of a setting that is a list of them.
+
+    Attributes:
+        names: Name of each; empty where they have none.
+        along_x: So many of them, the first, are of x and phi, and the others of y and theta; None
+            where each is of both axes.
+    """
+
+    names: tuple[str, ...] = ()
+    along_x: int | None = None
+
+
+def with_entries(default: Numbers, *names: str, along_x: int | None = None) -> Numbers:
+    """A field of a law or observer that is a list of numbers, with their meaning."""
+    return field(default=default, metadata={_ENTRIES: Entries(names, along_x)})
+
+
+def entries_of(setting: Field[Any]) -> Entries:
+    """Meaning of the single numbers of a setting; none if it states none."""
+    found: Entries = setting.metadata.get(_ENTRIES, Entries())
+    return found
 
 
 def algorithm_constants(default: Constants) -> Constants:

@@ -23,7 +23,7 @@ from ballplate.changes import changes_of, scenario_of
 from controllers.stable_inversion import StableInversion
 from docs.pages import HERE, filled, kept, write
 from twin.board.footprint import measure_footprint
-from twin.board.program import NAME, command_of, compile_controller, size_of
+from twin.board.program import CONTROLLER_NAME, command_of, compile_controller, size_of
 from twin.board.protocol import encode
 from twin.board.source import sources
 from twin.board.trace import LAWS
@@ -127,9 +127,11 @@ def executed(program: Path, known: dict[int, Instruction]) -> list[int]:
         found = re.findall(r"^Trace \d+: \S+ \[\w+/(\w+)/", trace.read_text(), re.MULTILINE)
     addresses = [int(each, 16) for each in found]
     functions = [known[each].function for each in addresses]
-    entry = min(each for each, about in known.items() if about.function == f"{NAME}_reference_at")
+    entry = min(
+        each for each, about in known.items() if about.function == f"{CONTROLLER_NAME}_reference_at"
+    )
     begin = len(addresses) - 1 - addresses[::-1].index(entry)
-    end = functions.index("main", functions.index(f"{NAME}_step", begin))
+    end = functions.index("main", functions.index(f"{CONTROLLER_NAME}_step", begin))
     return addresses[begin : end + 1]
 
 
@@ -163,7 +165,7 @@ def row(law: str, observer: str) -> dict[str, Any]:
     program = compile_controller(control, "cortex-m4", "float")
     known = listing(program)
     passed = executed(program, known)
-    footprint = measure_footprint(NAME, sources(NAME, control, "float"))
+    footprint = measure_footprint(CONTROLLER_NAME, sources(CONTROLLER_NAME, control, "float"))
     assert footprint is not None
     first, *others = done[-1].rows["instructions"]
     largest = max(others)
@@ -199,7 +201,7 @@ def error(done: Run, of: Run | None = None) -> str:
 def share_of_reference(passed: Sequence[int], known: dict[int, Instruction]) -> float:
     """Share of the reference in the instructions of a period, with its functions of math.h, %."""
     functions = [known[each].function for each in passed]
-    return 100 * functions.index(f"{NAME}_step") / len(functions)
+    return 100 * functions.index(f"{CONTROLLER_NAME}_step") / len(functions)
 
 
 def at_clocks() -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ import numpy as np
 from docs.cure import known
 from docs.pages import HERE, clopper_pearson, filled, planned, said, write
 from twin.devices.lumio.config import fit
-from twin.doctor.drives import usual_points
+from twin.doctor.calibrate import usual_points
 from twin.study.schema import FamilyRig, draw_rigs, read_family
 from twin.study.work import Builder
 

@@ -20,10 +20,11 @@ from scipy.spatial import KDTree
 from controllers.arrays import Array, Mask
 from docs.cure_family import quantile
 from docs.pages import HERE, driven, filled, kept, planned, said, write
+from twin.fmu.export import surface_of
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion
 from twin.scenario.schema import Scenario
-from twin.study.compiled import LANES, CompiledRig, compiled_runs, surface_of
+from twin.study.compiled import LANES, CompiledRig, compiled_runs
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, c_code, code, controller_key, digest
 

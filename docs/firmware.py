@@ -22,7 +22,7 @@ from docs import own_faults
 from docs.own_faults import CONFIG, LIMITS, PERIOD, WATCHDOG, Rig, Row, sets
 from docs.pages import HERE, filled, write
 from docs.safety import row_cells
-from twin.board.program import NAME
+from twin.board.program import CONTROLLER_NAME
 from twin.board.source import sources
 from twin.devices import own
 from twin.devices.own import OwnScreen, OwnServos
@@ -218,8 +218,8 @@ class Computed(NamedTuple):
 def export(law: str, folder: Path, settings: Sequence[str] = ()) -> None:
     """Write the controller of a scenario of the example, in float, into a folder."""
     control = control_of(load(str(EXAMPLE / f"{law}.toml"), settings))
-    for name, text in sources(NAME, control, "float").items():
-        if name in {f"{NAME}.c", f"{NAME}.h"}:
+    for name, text in sources(CONTROLLER_NAME, control, "float").items():
+        if name in {f"{CONTROLLER_NAME}.c", f"{CONTROLLER_NAME}.h"}:
             (folder / name).write_text(text, encoding="utf-8")
 
 

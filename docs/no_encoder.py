@@ -15,11 +15,10 @@ import click
 
 from docs.cure_family import quantile, radius
 from docs.cure_floor import Screen, floor
-from docs.pages import HERE, filled, kept, planned, said, write
+from docs.pages import HERE, compiled_rows, filled, planned, said, write
 from twin.scenario.schema import Scenario
-from twin.study.compiled import carry_out_compiled
 from twin.study.schema import draw_rigs, read_family
-from twin.study.work import Builder, Row, ScenarioRuns, c_code, code, digest
+from twin.study.work import Builder
 
 Values = list[float | None]
 """An indicator of each rig; None of a ball that was lost."""
@@ -131,18 +130,8 @@ def rest_floor(plan: dict[str, Any], rig: str) -> tuple[float, float]:
 
 
 def known(runs: list[Scenario], indicator: str) -> Values:
-    """An indicator of runs, on the true ball: as kept or simulated."""
-    texts = [code(), c_code(), *(each.model_dump_json() for each in runs)]
-    rows = kept("no_encoder", digest(" ".join(texts)), lambda: simulated(runs))
-    return [row[indicator] for row in rows]
-
-
-def simulated(runs: list[Scenario]) -> list[Row]:
-    """Indicators of runs; None for a ball that was lost."""
-    work = ScenarioRuns(runs)
-    return [
-        {name: row[name] for name in SHOWN} for row in carry_out_compiled(work.jobs(work.tasks))
-    ]
+    """An indicator of runs, on the true ball; None for a ball that was lost."""
+    return [row[indicator] for row in compiled_rows("no_encoder", runs, SHOWN)]
 
 
 def main() -> None:

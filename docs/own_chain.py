@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 import click
 
 from docs.cure_family import quantile
-from docs.pages import HERE, clopper_pearson, filled, kept, said, write
+from docs.pages import HERE, clopper_pearson, compiled_rows, filled, said, write
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.study.compiled import carry_out_compiled
 from twin.study.schema import draw_rigs, read_family
-from twin.study.work import Builder, ScenarioRuns, c_code, code, digest
+from twin.study.work import Builder
 
 KINDS = {
     "": "thesis",
@@ -72,18 +71,8 @@ def scenario_of(name: str, rig: Rig, *more: str) -> Scenario:
 
 
 def known(runs: Sequence[Scenario]) -> list[dict[str, Any]]:
-    """Outcome and tracking error of runs, on the true ball: as kept or simulated."""
-    texts = [code(), c_code(), *(each.model_dump_json() for each in runs)]
-    return kept("own_chain", digest(" ".join(texts)), lambda: simulated(runs))
-
-
-def simulated(runs: Sequence[Scenario]) -> list[dict[str, Any]]:
-    """The same, in JSON."""
-    work = ScenarioRuns(list(runs))
-    names = ("outcome", "reason", "tracking_error_percent")
-    return [
-        {name: row[name] for name in names} for row in carry_out_compiled(work.jobs(work.tasks))
-    ]
+    """Outcome and tracking error of runs, on the true ball."""
+    return compiled_rows("own_chain", runs, ("outcome", "reason", "tracking_error_percent"))
 
 
 class Found(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,10 @@ from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.scenario.load import read
+from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
+from twin.study.compiled import carry_out_compiled
+from twin.study.work import ScenarioRuns, c_code, code, digest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,6 +89,21 @@ def kept(name: str, key: str, make: Callable[[], Any]) -> Any:
         return json.loads(file.read_text(encoding="utf-8"))
     found = make()
     write_json(file, found)
+    return found
+
+
+def compiled_rows(
+    name: str, runs: Sequence[Scenario], columns: Collection[str]
+) -> list[dict[str, Any]]:
+    """Columns of runs in C, a row each: as kept in runs/NAME, or simulated and then kept."""
+
+    def simulate() -> list[dict[str, Any]]:
+        work = ScenarioRuns(runs)
+        rows = carry_out_compiled(work.jobs(work.tasks))
+        return [{column: row[column] for column in columns} for row in rows]
+
+    texts = (code(), c_code(), *(each.model_dump_json() for each in runs))
+    found: list[dict[str, Any]] = kept(name, digest(" ".join(texts)), simulate)
     return found
 
 

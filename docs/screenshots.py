@@ -15,7 +15,8 @@ from rerun.experimental import ViewerClient
 from twin.base.errors import ViewError
 from twin.base.jobs import wait_until
 from twin.base.writing import write_whole
-from twin.run.finished import open_runs, run, save
+from twin.run.finished import run, save
+from twin.run.opened import open_runs
 from twin.scenario import load
 from twin.view.recording import write
 from twin.view.streams import TIMELINE_NAME

@@ -3,9 +3,9 @@
 from itertools import groupby
 
 from docs.pages import HERE, filled, write
-from twin.base.followers import FREE, PARTS, Effect, Followers
+from twin.base.followers import FOLLOWER_LABELS, FREE, Effect, Followers
 from twin.scenario.describe import Key, about, every_kind, find_keys
-from twin.scenario.schema import REGISTER, left_out
+from twin.scenario.rig_tables import REGISTER, left_out
 
 OPEN_WORDS = {"source": "parameter", "identify": "fitted", "symbols": "symbol"}
 """What a part makes of a setting that it leaves open."""
@@ -18,10 +18,10 @@ def page() -> str:
         groups.setdefault(key.key.rpartition(".")[0], []).append(key)
     kinds = groupby(every_kind().items(), lambda kind: kind[0].partition(".")[0])
     followers = {
-        key: {part: word(setting.followed_by, part) for part in PARTS}
+        key: {part: word(setting.followed_by, part) for part in FOLLOWER_LABELS}
         for key, setting in sorted(REGISTER.items())
     }
-    reasons = {part: grouped(left_out(part)) for part in PARTS}
+    reasons = {part: grouped(left_out(part)) for part in FOLLOWER_LABELS}
     return filled(
         "settings",
         groups=list(groups.items()),
@@ -29,7 +29,7 @@ def page() -> str:
         about=about,
         followers=followers,
         reasons=reasons,
-        parts=PARTS,
+        parts=FOLLOWER_LABELS,
     )
 
 

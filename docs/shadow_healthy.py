@@ -26,8 +26,9 @@ from twin.base.errors import LogError
 from twin.base.jobs import cores, results
 from twin.cli.options import PROCESSES_OPTION
 from twin.cli.output import progress
-from twin.shadow.alarms import CHANGE_TEST, DEAD_TIME_TEST, likely
+from twin.shadow.alarms import CHANGE_TEST, DEAD_TIME_TEST
 from twin.shadow.belief import belief_of, logs
+from twin.shadow.causes import likely
 from twin.shadow.follow import shadow
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import code, digest

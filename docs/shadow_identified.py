@@ -49,8 +49,8 @@ from twin.identify.twin_model import identify_twin, replay_log
 from twin.identify.verdicts import HOLD_OUT, IDENTIFIED_VERDICT, score
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow.alarms import likely
 from twin.shadow.belief import belief_of, logs
+from twin.shadow.causes import likely
 from twin.shadow.follow import shadow
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import code, digest

@@ -22,6 +22,7 @@ import pandas as pd
 from scipy import stats
 
 from controllers.arrays import Array
+from controllers.ballplate import corner_frequency, time_constant
 from docs.pages import HERE, filled, kept, planned
 from twin.base.jobs import cores, results
 from twin.base.writing import write_whole
@@ -29,8 +30,8 @@ from twin.cli.options import PROCESSES_OPTION
 from twin.cli.output import progress
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow.alarms import likely
 from twin.shadow.belief import TWIN_ERROR_STD, WATCHED_PARAMETERS, belief_of, logs
+from twin.shadow.causes import likely
 from twin.shadow.evidence import PLAY_WIDTHS_RAD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import CHI_SQUARE_95, CHI_SQUARE_MEDIAN
@@ -169,8 +170,8 @@ def _with_errors(known: Settings, rng: np.random.Generator) -> Settings:
         LEVEL: (np.array(known[LEVEL]) + level).tolist(),
     }
     if BANDWIDTH in known:
-        lag = 1 / (2 * np.pi * known[BANDWIDTH]) + off["lag"]
-        true[BANDWIDTH] = 1 / (2 * np.pi * max(lag, 1e-3))
+        lag = time_constant(known[BANDWIDTH]) + off["lag"]
+        true[BANDWIDTH] = corner_frequency(max(lag, 1e-3))
     if BACKLASH in known:
         true[BACKLASH] = max(
             0.0, known[BACKLASH] + np.degrees(PLAY_WIDTHS_RAD[0]) * off["narrow_play"]

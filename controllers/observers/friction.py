@@ -26,7 +26,7 @@ from controllers.arrays import (
     numbers,
     together,
 )
-from controllers.interfaces import Quantity, algorithm_constants
+from controllers.interfaces import Quantity, algorithm_constants, with_entries
 from controllers.observers.late_ball import LAG_NAME, NOW, THERE, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE_VARIANCES
 
@@ -260,7 +260,7 @@ class FrictionKalman(LateBall):
     disturbance that it added while breakaway friction held the ball. None for never."""
     spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
-    R: tuple[Positive, Positive] = (NOISE_VARIANCES[0], NOISE_VARIANCES[2])
+    R: tuple[Positive, Positive] = with_entries((NOISE_VARIANCES[0], NOISE_VARIANCES[2]), along_x=1)
     """Variances of a touch sample of x and y in m^2; Table B.1."""
     most_friction: Positive = 3.0
     """Largest estimated friction, as a multiple of the one assumed at the start."""
@@ -496,7 +496,7 @@ class FrictionMapKalman(FrictionKalman):
     map_pitch: Positive = 0.05
     """Distance in m between the points of the map, at most; time and memory grow with its inverse
     to the fourth power."""
-    map_sides: tuple[Positive, Positive] = (0.70, 0.395)
+    map_sides: tuple[Positive, Positive] = with_entries((0.70, 0.395), along_x=1)
     """Extent of the map in m along x and y about the plate's centre; outside its edge counts."""
     camber_spread: NotNegative = 0.0
     """Prior standard deviation of the plate's camber in 1/s^2; 0 for a plate that is assumed to be

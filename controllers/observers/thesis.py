@@ -21,7 +21,7 @@ from annotated_types import Len
 from controllers.arrays import Array, Positive, every, multiply_rows
 from controllers.ballplate import MEASURED_STATES, BallPlate
 from controllers.design import Pole, format_numbers, place_poles, sample, stable_poles
-from controllers.interfaces import Measurement, Observer
+from controllers.interfaces import Measurement, Observer, with_entries
 
 OUTPUT_SLICE = slice(0, None, 2)
 """h(x) = (x, phi, y, theta) of (5.7) as a slice of the state: unlike a list of indices, a view."""
@@ -121,7 +121,7 @@ class Luenberger(LinearObserver):
 
     name: ClassVar[str] = "luenberger"
 
-    poles: tuple[Pole, ...] = (-8, -10, -14, -16)
+    poles: tuple[Pole, ...] = with_entries((-8, -10, -14, -16), along_x=4)
     """Poles of the error in 1/s: four for each subsystem alike, or eight, for (x, phi) and then
     for (y, theta). By default (8.1)."""
 
@@ -199,9 +199,9 @@ class Kalman(LinearObserver):
 
     name: ClassVar[str] = "kalman"
 
-    Q: tuple[Positive, Positive] = DISTURBANCE_VARIANCES
+    Q: tuple[Positive, Positive] = with_entries(DISTURBANCE_VARIANCES, along_x=1)
     """Intensities of the disturbance of u1, u2 in (rad/s^2)^2 s; Table B.1."""
-    R: tuple[Positive, Positive, Positive, Positive] = NOISE_VARIANCES
+    R: tuple[Positive, Positive, Positive, Positive] = with_entries(NOISE_VARIANCES, along_x=2)
     """Intensities of the noise of x, phi, y, theta in m^2 s and rad^2 s; Table B.1."""
 
     S: Array = field(init=False, repr=False)
@@ -271,7 +271,7 @@ class NonlinearLuenberger(Observer):
 
     name: ClassVar[str] = "nonlinear_luenberger"
 
-    poles: tuple[Pole, ...] = (-4, -5, -7, -8)
+    poles: tuple[Pole, ...] = with_entries((-4, -5, -7, -8), along_x=4)
     """Poles of the error in 1/s: four for each axis alike, or eight, for x and then for y."""
     plate_observer: bool = False
     """Whether the plate angles are measured and have an observer of their own."""
@@ -404,11 +404,11 @@ class ExtendedKalman(Observer):
 
     name: ClassVar[str] = "ekf"
 
-    Q: tuple[Positive, Positive] = DISTURBANCE_VARIANCES
+    Q: tuple[Positive, Positive] = with_entries(DISTURBANCE_VARIANCES, along_x=1)
     """Intensities of the disturbance of u1, u2 in (rad/s^2)^2 s; Table B.1."""
-    R: tuple[Positive, Positive, Positive, Positive] = NOISE_VARIANCES
+    R: tuple[Positive, Positive, Positive, Positive] = with_entries(NOISE_VARIANCES, along_x=2)
     """Intensities of the noise of x, phi, y, theta in m^2 s and rad^2 s; Table B.1."""
-    spread: Annotated[tuple[Positive, ...], Len(8, 8)] | None = None
+    spread: Annotated[tuple[Positive, ...], Len(8, 8)] | None = with_entries(None, along_x=4)
     """Standard deviations of the eight states at the start; by default the covariance in which
     the Kalman filter about the level plate settles."""
     input_terms: bool = True

@@ -45,8 +45,9 @@ if TYPE_CHECKING:
 
     from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare, load
+    from ballplate.identifying import Identified, identify
     from ballplate.planning import Planned, plan_experiment
-    from ballplate.results import Identified, Log, Result, identify
+    from ballplate.results import Log, Result
     from ballplate.rigs import Rig, controller_fmu, controller_source, drive_fmu, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
     from ballplate.studies import StudyResult, Sweep, family, study, sweep
@@ -96,8 +97,9 @@ _LAZY_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _LAZY_NAMES = {
     "comparing": ("Comparison", "compare", "load"),
+    "identifying": ("Identified", "identify"),
     "planning": ("Planned", "plan_experiment"),
-    "results": ("Identified", "Log", "Result", "identify"),
+    "results": ("Log", "Result"),
     "rigs": ("Rig", "controller_fmu", "controller_source", "drive_fmu", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
     "studies": ("StudyResult", "Sweep", "family", "study", "sweep"),

@@ -91,7 +91,7 @@ class KeyChange(NamedTuple):
     @classmethod
     def of(cls, key: str, value: Any) -> KeyChange:
         """The change of a key to a plain value."""
-        from twin.scenario.load import format_toml_value
+        from twin.scenario.variations import format_toml_value
 
         return cls(key, value, f"{key}={format_toml_value(value)}")
 
@@ -129,7 +129,8 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    from twin.scenario.load import check, comparison, read, resolve
+    from twin.scenario.load import check, read, resolve
+    from twin.scenario.variations import comparison
 
     chosen = check(*resolve(*read(str(name)), [(each.key, each.value) for each in changed]))
     title = comparison(chosen.title, (), [each.text for each in changed])
@@ -161,7 +162,7 @@ def varied_of(vary: Vary) -> dict[str, list[Any]]:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
             none in it, or one twice.
     """
-    from twin.scenario.load import parse_variations
+    from twin.scenario.variations import parse_variations
 
     if isinstance(vary, list | tuple):
         vary = parse_variations(vary)

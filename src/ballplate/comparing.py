@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
 from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
+from ballplate.dangers import warn_of_dangers, warn_of_path
 from ballplate.reporter import (
     Reporter,
     check_processes,
@@ -18,7 +19,7 @@ from ballplate.reporter import (
     showable,
     writable,
 )
-from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_of_path
+from ballplate.running import WORTH_PROCESS, importable
 from twin.base.errors import LawError, ScenarioError
 from twin.base.parts import left_out
 from twin.base.shipped import find
@@ -264,8 +265,8 @@ def compare(
     for name in names:
         find(name)  # a wrong name is reported before anything heavy is imported
     from ballplate.results import Result
-    from twin.run.finished import open_runs
-    from twin.scenario.load import comparison
+    from twin.run.opened import open_runs
+    from twin.scenario.variations import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
     chosen = variants_of(variants, names, report) if variants else {}
@@ -446,7 +447,7 @@ def cases_of(
         ScenarioError: If anything in them is unknown or out of range, or a variant has the name of
             a scenario that is run as it is.
     """
-    from twin.scenario.load import variants
+    from twin.scenario.variations import variants
 
     cases: dict[str, Case] = {}
     for called, changed in (chosen or {}).items():
@@ -637,7 +638,7 @@ def load(path: str | Path) -> Result | Comparison | Log:
     """
     from ballplate.results import Log, Result
     from twin.identify import logs
-    from twin.run.finished import open_runs
+    from twin.run.opened import open_runs
 
     file = Path(path)
     if file.suffix == ".csv":

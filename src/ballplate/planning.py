@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ballplate.identifying import HOLD_OUT_SHARE, check_hold_out
 from ballplate.reporter import Reporter, default
-from ballplate.results import HOLD_OUT_SHARE, check_hold_out
 from twin.base.errors import ScenarioError
 
 if TYPE_CHECKING:

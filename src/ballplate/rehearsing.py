@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -98,9 +97,9 @@ def _later(scenario: Scenario) -> Scenario:
 
 def _remedies(scenario: Scenario) -> Iterator[KeyChange]:
     """Changes that may keep the ball, the ones that cost least first."""
-    corner = scenario.plant.servo.bandwidth_hz
-    if corner and not scenario.rig.plate_lag:
-        yield KeyChange.of("rig.plate_lag", float(f"{1 / (2 * math.pi * corner):.2g}"))
+    _, lag = scenario.lateness
+    if lag and not scenario.rig.plate_lag:
+        yield KeyChange.of("rig.plate_lag", float(f"{lag:.2g}"))
     settings = scenario.reference.settings
     from twin.scenario.schema import choices
 

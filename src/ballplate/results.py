@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter, default, overview, showable
-from twin.base.errors import RecordError, ScenarioError
+from twin.base.errors import RecordError
 from twin.base.writing import write_whole
 from twin.run.files import FILM_SUFFIXES, Indicators, Signals, free
-from twin.run.finished import Run, draw, of_other_class, save_record
+from twin.run.finished import Run, draw, save_record
+from twin.run.opened import of_other_class
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from controllers.arrays import Array
-    from twin.identify import logs
-    from twin.identify.verdicts import Identification, ParameterVerdict
     from twin.run.metrics import Motion
     from twin.scenario.schema import Dimensions
 
@@ -246,189 +245,3 @@ class Log(Signals):
     name: str
     rows: Mapping[str, Array]
     units: Mapping[str, str]
-
-
-HOLD_OUT_SHARE, MAX_HOLD_OUT_SHARE = 0.33, 0.8
-"""Share of a log that is held out from the fit unless chosen otherwise, and the largest one."""
-
-
-def check_hold_out(share: float) -> None:
-    """Make sure that a share of a log can be held out from its fit.
-
-    Raises:
-        ScenarioError: If it is out of range.
-    """
-    if not 0 <= share <= MAX_HOLD_OUT_SHARE:
-        raise ScenarioError(f"hold_out: must be 0 to {MAX_HOLD_OUT_SHARE:g}, got {share:g}")
-
-
-@dataclass(repr=False, eq=False)
-class Identified:
-    """Identified parameters of a log; shows itself in a notebook.
-
-    Attributes:
-        found: The fit with its intervals, checks on what was held out, and notes.
-
-    Examples:
-        >>> import ballplate as bp
-        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=10)
-        >>> found = bp.identify(done, "rolling", hold_out=0.3)
-        >>> found.sentences[1]
-        'Identified: friction.rolling_mm.'
-        >>> again = bp.run("circle", found.settings, duration=0.1)
-    """
-
-    found: Identification
-
-    @property
-    def verdicts(self) -> tuple[ParameterVerdict, ...]:
-        """The parameters asked for: value, interval, whether it is identified, and why not."""
-        return self.found.verdicts
-
-    @property
-    def sentences(self) -> list[str]:
-        """The verdict in words."""
-        from twin.identify.report import sentences
-
-        return sentences(self.found)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The identified parameters as ``run`` takes them: ``run("circle", found.settings)``."""
-        from twin.base.data_file import parse_toml
-        from twin.identify.report import parameters
-
-        return parse_toml(parameters(self.found))
-
-    def save(self, folder: str | Path) -> Path:
-        """Write report.html and parameters.toml into a folder; returns it.
-
-        Raises:
-            RecordError: If a file cannot be written.
-        """
-        from twin.identify.report import write
-
-        write(self.found, Path(folder))
-        return Path(folder)
-
-    def _repr_html_(self) -> str:
-        """For a notebook: the verdict in words, and each parameter with its interval."""
-        from twin.base.page import Table, Text, fragment
-        from twin.identify.report import TABLE_HEADINGS, rows
-
-        title = f"Identification from {self.found.source}"
-        return fragment(title, [Table("", TABLE_HEADINGS, rows(self.found)), Text(self.sentences)])
-
-
-def identify(
-    log: str | Path | Result | Sequence[str | Path],
-    parameters: str | Iterable[str] = (),
-    *,
-    hold_out: float | str | Path | Sequence[str | Path] = HOLD_OUT_SHARE,
-    columns: str | None = None,
-    separator: str | None = None,
-    ball: str | float | None = None,
-    on: str | Path | None = None,
-    ball_height: float | str | None = None,
-    reporter: Reporter | None = None,
-) -> Identified:
-    """Fit friction, dead time, drives and level to a recorded motion.
-
-    Args:
-        log: Run folder, ``run.parquet`` or CSV file with named columns, or a result; preferably
-            recorded with the scenario ``excite``. With ``columns`` one or more logs of any rig.
-        parameters: Names of those to fit, as ``rolling`` or ``dead_time``; the usual ones if none.
-        hold_out: Share of the log held out from the fit, 0 to 0.8; with ``columns`` also a second
-            log, or some.
-        columns: Of a log of any rig, ``"time=t:ms,measured_x=X:mm,command_phi=u:deg"``.
-        separator: Between its columns; found if None.
-        ball: ``"hollow"``, ``"solid"``, or the share of gravity that accelerates it.
-        on: With ``columns``: a shipped rig, or a file of parameters, over which what is found is to
-            lie. Its ball is the one of the log.
-        ball_height: With ``columns``: metres from the axis about which the plate tilts up to the
-            ball's centre, or ``"X,Y"`` of two axes. What the plate's acceleration does to the ball
-            is held at it, else fitted.
-        reporter: Receives progress; a notebook has its own.
-
-    Raises:
-        TwinError: If the log cannot be read, or nothing can be learned from it.
-
-    Examples:
-        >>> import ballplate as bp
-        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=10)  # its arm is 0.18 mm
-        >>> (rolling,) = bp.identify(done, "rolling", hold_out=0.3).verdicts
-        >>> print(f"{rolling.value:.2f} {rolling.about.unit}, {rolling.word}")
-        0.18 mm, identified
-    """
-    from twin.identify.logs import ball_factor, ball_heights, read_any, wanted_columns
-    from twin.identify.parameters import PLAIN_PARAMETERS, choose_parameters
-    from twin.scenario import load
-
-    if isinstance(hold_out, float | int):
-        check_hold_out(hold_out)
-    names = [parameters] if isinstance(parameters, str) else parameters
-    factor = None if ball is None else ball_factor(ball)
-    heights = None if ball_height is None else ball_heights(ball_height)
-    report = reporter or default()
-    if columns is not None:
-        wanted = wanted_columns(columns)
-        fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
-        rig = load("hold", [f"parameters={on}"]).plant.model if on else None
-        logs = [read_any(path, wanted, separator) for path in _paths(log)]
-        held = (
-            float(hold_out)
-            if isinstance(hold_out, float | int)
-            else [read_any(path, wanted, separator) for path in _paths(hold_out)]
-        )
-        from twin.identify.any_rig import identify_axes  # heavy: after what may be wrong
-
-        with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
-            found = identify_axes(
-                logs,
-                held,
-                fitted,
-                factor,
-                progress=advance,
-                ball=rig,
-                on=on,
-                heights=heights,
-                say=report.note,
-            )
-        return Identified(found)
-    from twin.identify.twin_model import identify_twin
-
-    if alone := "on" if on else "ball_height" if heights else "":
-        raise ScenarioError(f"{alone}: needs columns; a run states its rig")
-    if not isinstance(log, str | Path | Result):
-        log, *others = log
-        if others:
-            raise ScenarioError("log: give one; several logs need columns")
-    if not isinstance(hold_out, float | int):
-        raise ScenarioError("hold_out: must be 0 to 0.8; a second log needs columns")
-    wanted_names = choose_parameters(",".join(names) or None)
-    recorded = _read_recorded(log)
-    if factor is not None:
-        recorded = recorded.with_ball(factor)
-    elif not recorded.scenario:
-        option = report.name_of("ball")
-        report.note(f"{recorded.source}: states no ball: taken as hollow; {option} states it")
-    with report.progress(f"identifying from {recorded.source}", 1.0) as advance:
-        return Identified(identify_twin(recorded, wanted_names, 1 - hold_out, advance))
-
-
-def _paths(logs: str | Path | Result | Sequence[str | Path]) -> list[Path]:
-    if isinstance(logs, Result):
-        raise ScenarioError("columns: describe a file, not a result")
-    return [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
-
-
-def _read_recorded(log: str | Path | Result) -> logs.Log:
-    from twin.identify import logs
-
-    if not isinstance(log, Result):
-        return logs.read(Path(log))
-    if log.folder is not None:
-        return logs.read(log.folder)
-    scenario = log.scenario.model_dump(mode="json")
-    columns = {name: log[name] for name in logs.LOG_COLUMN_UNITS if name in log}
-    return logs.of_columns(columns, {"scenario": scenario}, log.name)

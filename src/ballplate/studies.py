@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twin.scenario.schema import Scenario
+    from twin.study.answers import Answer
     from twin.study.experiments import Do
-    from twin.study.report import Answer
     from twin.study.screen import Screen, Screened
     from twin.study.work import Work
 
@@ -234,7 +234,7 @@ def sweep(
         ['0 %', '32 %']
     """
     find(str(scenario))  # a wrong name is reported before anything heavy is imported
-    from twin.scenario.load import comparison, headings
+    from twin.scenario.variations import comparison, headings
 
     base, varied = changes_of(settings, changes), varied_of(vary)
     if not varied:
@@ -431,8 +431,8 @@ def study(
         >>> rows["outcome"].tolist()
         ['finished', 'finished']
     """
+    from twin.study.answers import answers
     from twin.study.experiments import Store, carry, executors
-    from twin.study.report import answers
 
     report = reporter or default()
     check_processes(processes, report)
@@ -577,7 +577,10 @@ def work_of(name: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Work:
             if about.engine == "c":
                 from twin.study.compiled import KnownCheck
 
-                return Work(about, check=KnownCheck())
+                check = KnownCheck()
+                work = Work(about, check=check)
+                check.check_controllers()
+                return work
             return Work(about)
     except ScenarioError as error:  # it names the scenario
         called = about.title if isinstance(name, Mapping) else name

@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 
 import ballplate as bp
+from ballplate.evidence import stream_record, write_trace
 from ballplate.reporter import Reporter
-from ballplate.running import stream_record, summarize_events, tell_timing, write_trace
+from ballplate.rig_access import summarize_events, tell_timing
 from twin.base.errors import TwinError
 from twin.devices.akd.conditions import NODE_ABSENT, DriveError
 from twin.devices.akd.traces import read_trace
@@ -129,7 +130,7 @@ def killed(program, place, read, whole):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from ballplate.running import stream_record
+from ballplate.evidence import stream_record
 from twin.run.finished import run
 from twin.scenario.load import load
 
@@ -158,7 +159,7 @@ import os, signal, sys
 from pathlib import Path
 import can
 from ballplate.reporter import Reporter
-from ballplate.running import write_trace
+from ballplate.evidence import write_trace
 
 with write_trace(Path(sys.argv[1]), Reporter(), bounded=True) as hear:
     for number in range(30_000):

@@ -16,11 +16,12 @@ from command_line import called
 
 import ballplate
 from ballplate.changes import changes_of, scenario_of
+from ballplate.dangers import warn_of_dangers
 from ballplate.reporter import Notebook, Reporter
-from ballplate.running import rig_label, warn_of_dangers
+from ballplate.rig_access import rig_label
 from twin.base.shipped import shipped_in
-from twin.run.finished import beyond_area, out_of_reach
 from twin.run.loop import simulate
+from twin.run.reach import beyond_area, out_of_reach
 from twin.scenario import load
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}
@@ -197,6 +198,20 @@ def test_a_length_beyond_the_area_is_said_where_the_run_ends_before_it(amplitude
     kind = "sine" if isinstance(amplitude, list) else "circle"
     settings = ["duration=1", f"reference={{kind='{kind}', amplitude={amplitude}}}"]
     found = beyond_area(load("circle", settings))
+    assert found is None if line is None else found.startswith(line)
+
+
+@pytest.mark.parametrize(
+    ("reference", "line"),
+    [
+        ("{kind='path', points=[[0, 0], [0.1, 9]], duration=99}", "reference.points: 0.1, 9 m is"),
+        ("{kind='path', points=[[0, 0], [0.2, 0.1]], duration=99}", None),
+        ("{kind='setpoints', points=[[0, 0, 0], [9, 0.1, 9]]}", "reference.points: 0.1, 9 m is"),
+        ("{kind='setpoints', points=[[0, 0, 0], [9, 0.1, 0.1]]}", None),  # 9 is a time
+    ],
+)
+def test_a_point_beyond_the_area_is_said_where_the_run_ends_before_it(reference, line):
+    found = beyond_area(load("circle", ["duration=1", f"reference={reference}"]))
     assert found is None if line is None else found.startswith(line)
 
 

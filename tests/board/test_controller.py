@@ -14,8 +14,9 @@ from twin.cli.runs import run as run_command
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.traces import read_trace
 from twin.run.assemble import assemble
-from twin.run.finished import open_run, record_run
+from twin.run.finished import record_run
 from twin.run.loop import alike, simulate
+from twin.run.opened import open_run
 from twin.run.state import Snapshot, SnapshotError, restore
 from twin.scenario import load
 from twin.scenario.load import clean

@@ -7,7 +7,7 @@ import pytest
 
 from twin.cli.rig import request
 from twin.devices.lumio.config import UDEV_RULES
-from twin.doctor.drives import TouchMeasurement, measure_touch
+from twin.doctor.calibrate import TouchMeasurement, measure_touch
 from twin.scenario.rig import read_rig
 
 
@@ -26,10 +26,10 @@ def test_a_person_is_asked_in_words():
 @pytest.mark.real_time
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(ballplate, tmp_path, monkeypatch):
     brief = partial(measure_touch, measurement=TouchMeasurement(reports=5))
-    monkeypatch.setattr("twin.doctor.drives.measure_touch", brief)
+    monkeypatch.setattr("twin.doctor.calibrate.measure_touch", brief)
     file = tmp_path / "touch.json"
     corners = [(x, y) for x in (-0.28, 0.28) for y in (-0.15, 0.15)]
-    monkeypatch.setattr("twin.doctor.drives.usual_points", lambda: corners)
+    monkeypatch.setattr("twin.doctor.calibrate.usual_points", lambda: corners)
     _, out, _ = ballplate("calibrate", "touch", "--json", "--out", file)
     found = json.loads(out)
     # the virtual screen is square and centred, of 0.7 by 0.395 m and 4096 counts

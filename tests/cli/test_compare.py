@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from twin.cli import output
-from twin.run.finished import open_runs
+from twin.run.opened import open_runs
 
 pytestmark = pytest.mark.usefixtures("no_pictures", "quick_pictures")
 

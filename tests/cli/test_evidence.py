@@ -17,12 +17,13 @@ import pytest
 
 import ballplate as bp
 from ballplate import running
+from ballplate.evidence import write_trace
 from ballplate.reporter import Reporter
 from twin.devices.akd.recording import TraceWriter
 from twin.devices.akd.traces import parts, read_trace, seal
 from twin.emulator.lockstep import LockstepRig
 from twin.run.files import STREAM_FILE
-from twin.run.finished import open_run
+from twin.run.opened import open_run
 from twin.scenario.load import load
 from twin.view.html import html
 
@@ -60,7 +61,7 @@ def signal_writer(number):
 @pytest.mark.long
 def test_a_trace_waits_for_a_writer_that_a_busy_computer_stopped_for_six_seconds(tmp_path):
     file, told = tmp_path / "trace.log", Warned()
-    with running.write_trace(file, told, bounded=True) as hear:
+    with write_trace(file, told, bounded=True) as hear:
         signal_writer(signal.SIGSTOP)
         threading.Timer(6.0, signal_writer, (signal.SIGCONT,)).start()
         for number in range(20_000):

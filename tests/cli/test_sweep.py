@@ -6,7 +6,8 @@ import json
 import pytest
 
 from twin.run.finished import run
-from twin.scenario.load import load, swept
+from twin.scenario.load import load
+from twin.scenario.variations import swept
 
 pytestmark = pytest.mark.usefixtures("quick_pictures")
 

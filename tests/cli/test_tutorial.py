@@ -11,7 +11,7 @@ import scipy.io
 from command_line import called
 
 from controllers.catalog import forget
-from twin.run.finished import open_run
+from twin.run.opened import open_run
 from twin.scenario import load
 
 ROOT = Path(__file__).parents[2]

@@ -16,7 +16,6 @@ from controllers.analysis import (
 )
 from controllers.ballplate import BallPlate
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement, SlidingMode
-from controllers.controller import Smith
 from controllers.design import sample
 from controllers.interfaces import Measurement
 from controllers.observers import (
@@ -27,6 +26,7 @@ from controllers.observers import (
     NonlinearLuenberger,
 )
 from controllers.references import Hold
+from controllers.smith import Smith
 
 T = 0.002
 A, B, C = BallPlate().linear()

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 import ballplate as bp
+from ballplate.dangers import warn_of_dangers
 from ballplate.reporter import BallplateWarning
-from ballplate.running import warn_of_dangers
 from controllers.advanced import InternalModel
 from controllers.analysis import instability, slow_observer
 from controllers.classical import AFL, LQR, AFLIntegral, Feedforward, PolePlacement
-from controllers.controller import Smith
 from controllers.interfaces import Law
 from controllers.observers import FrictionKalman, Ideal, Luenberger, NonlinearLuenberger
 from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
+from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
 from twin.run.assemble import build_controller

@@ -11,11 +11,12 @@ import pytest
 from observing import measured
 
 from controllers.classical import AFL
-from controllers.controller import Controller, Smith
+from controllers.controller import Controller
 from controllers.interfaces import Law
 from controllers.observers import FrictionKalman, Luenberger
 from controllers.observers.late_ball import LagSearch
 from controllers.references import Circle, Hold
+from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
 from twin.run.assemble import assemble, build_controller

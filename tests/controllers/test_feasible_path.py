@@ -1,4 +1,4 @@
-"""Tests of `controllers.references`."""
+"""Tests of `controllers.feasible_path` and `controllers.preview`."""
 
 from itertools import accumulate
 
@@ -9,16 +9,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import ballplate as bp
-from controllers.controller import PerRigReference
+from controllers.feasible_path import PATH_SHAPING, FeasiblePath, PathShaping
 from controllers.interfaces import Reference
+from controllers.per_rig import PerRigReference
+from controllers.preview import Preview
 from controllers.references import Circle, Lissajous, Path, Setpoints, Sine, Transition
-from controllers.stable_inversion import (
-    PATH_SHAPING,
-    FeasiblePath,
-    PathShaping,
-    Preview,
-    StableInversion,
-)
+from controllers.stable_inversion import StableInversion
 from twin.view.summary import describe_run
 
 T = 0.002

@@ -11,9 +11,10 @@ from observing import measured
 
 from controllers.analysis import loop_row
 from controllers.ballplate import BallPlate
-from controllers.controller import Controller, HeldLaw, PerRigLaw, PerRigReference
+from controllers.controller import Controller, HeldLaw
 from controllers.interfaces import Law, Observer, Quantity
 from controllers.observers import Ideal
+from controllers.per_rig import PerRigLaw, PerRigReference
 from controllers.references import Hold
 
 T = 0.002

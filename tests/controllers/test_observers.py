@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from observing import measured
 
-from controllers.controller import Smith
 from controllers.interfaces import Measurement
 from controllers.observers import (
     DisturbanceObserver,
@@ -16,6 +15,7 @@ from controllers.observers import (
     NonlinearLuenberger,
 )
 from controllers.observers.late_ball import LateBall
+from controllers.smith import Smith
 
 OBSERVERS = {
     "luenberger": Luenberger,

@@ -1,4 +1,4 @@
-"""`controllers.references`.
+"""`controllers.piecewise`.
 
 Joins and piecewise polynomials are scipy's, which takes long to import."""
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.interpolate import BPoly, PPoly
 
-from controllers.references import in_turn, join
+from controllers.piecewise import in_turn, join
 
 numbers = st.floats(-10, 10)
 motions = arrays(float, (5, 2), elements=numbers)

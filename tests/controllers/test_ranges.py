@@ -14,8 +14,8 @@ from pydantic import ValidationError
 
 from controllers.arrays import NotNegative, Positive, check
 from controllers.ballplate import BallPlate
-from controllers.controller import Smith
 from controllers.observers import Luenberger
+from controllers.smith import Smith
 from twin.base.errors import ScenarioError
 from twin.scenario.describe import every_kind, find_keys
 from twin.scenario.schema import checked_settings, choices

@@ -1,11 +1,11 @@
-"""Tests of `controllers.controller`."""
+"""Tests of `controllers.smith`."""
 
 import numpy as np
 import pytest
 from observing import measured
 
-from controllers.controller import Smith
 from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
+from controllers.smith import Smith
 
 T = 0.002
 MODELS = [Luenberger, Kalman, NonlinearLuenberger, ExtendedKalman]

@@ -9,17 +9,12 @@ import scipy.optimize
 
 from controllers.arrays import NUMBER_ARITHMETIC
 from controllers.ballplate import TILT_SIGN, BallPlate
+from controllers.feasible_path import PATH_SHAPING
 from controllers.interfaces import Feedback, Reference, catalog_settings
+from controllers.preview import SLICING, Slicing
 from controllers.references import Circle, Hold, Sine, Step, Transition
-from controllers.stable_inversion import (
-    PATH_SHAPING,
-    SLICING,
-    InversePlan,
-    PushResponse,
-    Slicing,
-    StableInversion,
-    TwoSided,
-)
+from controllers.stable_inversion import InversePlan, PushResponse, StableInversion
+from controllers.two_sided import TwoSided
 
 MODEL = BallPlate()
 T = 0.002

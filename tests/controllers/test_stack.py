@@ -1,10 +1,10 @@
-"""Tests of `controllers.controller`."""
+"""Tests of `controllers.per_rig`."""
 
 import numpy as np
 import pytest
 from observing import measured
 
-from controllers.controller import SampledReference
+from controllers.per_rig import SampledReference
 from controllers.references import Circle
 from twin.run.assemble import build_controller
 from twin.run.finished import run

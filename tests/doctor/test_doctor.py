@@ -16,6 +16,7 @@ from twin.cli.rig import doctor
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import drives
+from twin.doctor.calibrate import measure_cams
 from twin.doctor.check import (
     CheckStatus,
     fail_check,
@@ -24,7 +25,7 @@ from twin.doctor.check import (
     report_errors,
     warn_check,
 )
-from twin.doctor.drives import limits, measure_cams
+from twin.doctor.drives import limits
 from twin.doctor.examine import ComputerCheck, _drives, computer
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig

@@ -1,11 +1,11 @@
-"""`twin.doctor.drives`: The slow triangle on emulated drives, in bus time."""
+"""`twin.doctor.calibrate`: The slow triangle on emulated drives, in bus time."""
 
 import numpy as np
 import pytest
 from stepped import SteppedDrives
 
 from twin.base.errors import RigError
-from twin.doctor.drives import measure_lost_motion
+from twin.doctor.calibrate import measure_lost_motion
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.cams import CamTable
 from twin.scenario import load

@@ -7,8 +7,8 @@ from served_screen import EmulatedScreen
 from twin.base.errors import RigError, TwinError
 from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
+from twin.doctor.calibrate import fit_calibration, measure_touch, usual_points
 from twin.doctor.check import CheckStatus
-from twin.doctor.drives import fit_calibration, measure_touch, usual_points
 from twin.doctor.examine import check_calibration, touch
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import Protocol, ScreenLine

@@ -25,7 +25,7 @@ from twin.devices.akd.traces import read_trace
 from twin.emulator.power_stage import MASTER_SILENT
 from twin.emulator.screen import Protocol
 from twin.emulator.serve import MAX_PLANT_STEP_S, VirtualRig, serve_rig
-from twin.run.finished import open_run
+from twin.run.opened import open_run
 from twin.run.record import read_run
 from twin.run.tables import flat
 from twin.scenario.rig import check_rig, read_rig

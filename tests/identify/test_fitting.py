@@ -34,9 +34,9 @@ from twin.identify.windows import (
     replay,
 )
 from twin.scenario import load
+from twin.sim.drives import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
-from twin.sim.rig import Hysteresis, Play, Resonance
 
 
 def told(name, value, spread, moved=0.0, *, rejected=False):

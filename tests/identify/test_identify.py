@@ -19,7 +19,8 @@ from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
 from twin.identify.twin_model import TwinIdentification, _assess_servo, identify_twin
 from twin.identify.verdicts import HOLD_OUT, ParameterVerdict
-from twin.run.finished import open_run, record_run, run
+from twin.run.finished import record_run, run
+from twin.run.opened import open_run
 from twin.scenario import load
 
 TRUTH = {"rolling": 0.21, "breakaway": 1.4, "delay": 0.042, "servo": 10.0}

@@ -15,7 +15,8 @@ from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, choo
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem, identify_twin, replay_log
 from twin.identify.verdicts import HOLD_OUT, score
-from twin.run.finished import open_run, record_run, run
+from twin.run.finished import record_run, run
+from twin.run.opened import open_run
 from twin.scenario import load
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from twin.base.errors import LogError
 from twin.identify.plate_motion import NO_LOOP, PLAY_KEYS, lost_motion, triangle
-from twin.sim.rig import Hysteresis, Play
+from twin.sim.drives import Hysteresis, Play
 
 CYCLES = 3
 MOTOR = triangle(np.radians(1.0), np.radians(1.0), CYCLES, 0.002)

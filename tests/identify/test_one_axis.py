@@ -19,8 +19,8 @@ from twin.identify.windows import cut, moving_spans, unknown_motion
 from twin.plan.experiment import EXCITATIONS, RigChoice
 from twin.plan.motion import format_table
 from twin.scenario import load
-from twin.shadow.alarms import words_of
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
+from twin.shadow.causes import words_of
 from twin.shadow.follow import LiveFollower
 from twin.sim.plant.rim import NO_ENDS, Reach
 

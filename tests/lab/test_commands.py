@@ -1,4 +1,4 @@
-"""`twin.cli.studies`: The commands of a lab, as a shell calls them."""
+"""`twin.cli.labs`: The commands of a lab, as a shell calls them."""
 
 import re
 from collections.abc import Callable

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from controllers import catalog
-from controllers.controller import SampledReference
 from controllers.interfaces import Feedback, Law, Measurement, Observer
+from controllers.per_rig import SampledReference
 from controllers.references import Circle
 from twin.base.errors import LawError, ScenarioError
 from twin.lab import child

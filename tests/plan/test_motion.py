@@ -17,7 +17,7 @@ from twin.plan.motion import (
     write_motion,
 )
 from twin.scenario.load import load
-from twin.scenario.schema import RigLimitsTable
+from twin.scenario.rig_tables import RigLimitsTable
 
 AREA = np.array(RigLimitsTable().area)
 

@@ -165,6 +165,8 @@ def test_gains_have_the_names_that_their_law_gives_them():
 
     assert labels() == ["gains p0", "gains p1", "gains p2", "gains p3"]
     assert labels("controller.kind=backstepping")[:4] == ["c c1", "c c2", "c c3", "c c4"]
+    betas = ["betas beta1", "betas beta2", "betas beta3"]
+    assert labels("controller.kind=sliding_mode")[1:4] == betas
     assert labels("controller.kind=pid")[-2:] == ["plate 1", "plate 2"]
 
 

@@ -25,7 +25,7 @@ import pytest
 from playwright.sync_api import expect, sync_playwright
 
 from docs.play_picture import drag
-from twin.run.finished import open_run
+from twin.run.opened import open_run
 from twin.whatif.futures import moment_of
 
 CHROMIUM = Path("/usr/bin/chromium")

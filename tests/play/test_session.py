@@ -10,7 +10,8 @@ import pytest
 
 from twin.play.driven import MAX_PUSH_M_S, MAX_SNAPSHOTS, Driven, Kept, States
 from twin.play.session import PICTURE_COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
-from twin.run.finished import open_run, run
+from twin.run.finished import run
+from twin.run.opened import open_run
 from twin.scenario.load import load
 from twin.whatif.futures import branch, future, moment_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from every_setting import OTHER, QUIET
 
-from controllers.controller import PerRigReference
+from controllers.per_rig import PerRigReference
 from controllers.references import Circle, Hold
 from twin.base.errors import ModelError, ScenarioError
 from twin.base.settings import settings_of
@@ -16,10 +16,11 @@ from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
+from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts
-from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.transmission import TransmissionError
 
 SHORT = ("duration=0.12", "metrics.start=0", "plant.start.x_rate=0.1")
 BESIDE = {

@@ -13,8 +13,10 @@ from twin.run.assemble import assemble, build_plant
 from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.scenario.load import at_time, load
-from twin.scenario.schema import JUMP_KEYS, LEFT_OUT, RAMP_KEYS
+from twin.scenario.changing import at_time
+from twin.scenario.load import load
+from twin.scenario.rig_tables import LEFT_OUT
+from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS
 
 PLANTS = ("lagrange", "mujoco")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballplate.reporter import Reporter
-from ballplate.running import open_rig
+from ballplate.rig_access import open_rig
 from twin.base.errors import ScenarioError
 from twin.devices.realtime import Scheduling
 from twin.hal.cams import CamTable

@@ -12,10 +12,11 @@ import ballplate as bp
 from controllers.ballplate import BallPlate
 from twin.base.shipped import shipped_scenarios
 from twin.run.assemble import build_controller
-from twin.run.finished import open_run, record_run, run
+from twin.run.finished import record_run, run
 from twin.run.loop import alike
+from twin.run.opened import open_run
 from twin.scenario import load
-from twin.scenario.load import at_time
+from twin.scenario.changing import at_time
 from twin.scenario.schema import Scenario
 from twin.study.work import Builder
 from twin.tune.report import settings, toml

@@ -9,7 +9,8 @@ import pytest
 from twin.base.errors import RecordError
 from twin.base.writing import write_whole
 from twin.run.files import STREAM_FILE
-from twin.run.finished import open_run, run, run_metadata, save
+from twin.run.finished import run, run_metadata, save
+from twin.run.opened import open_run
 from twin.run.record import Recorder, read_run, stream, write_run
 
 pytestmark = pytest.mark.usefixtures("no_pictures")

@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.base.errors import RecordError
-from twin.run.finished import open_run, open_runs, record_run, run
+from twin.run.finished import record_run, run
+from twin.run.opened import open_run, open_runs
 from twin.scenario import load
 
 

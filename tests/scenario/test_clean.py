@@ -7,7 +7,8 @@ from twin.run.finished import run
 from twin.run.tables import flat
 from twin.scenario import load
 from twin.scenario.load import clean
-from twin.scenario.schema import LEFT_OUT, Scenario
+from twin.scenario.rig_tables import LEFT_OUT
+from twin.scenario.schema import Scenario
 
 BALL = {
     "plant.ball.kind": "steel",

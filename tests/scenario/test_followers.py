@@ -15,7 +15,7 @@ from every_setting import OTHER
 
 import ballplate as bp
 from twin.base.errors import ModelError, ScenarioError
-from twin.base.followers import DEFAULT, FREE, GIVEN, PARTS, SHAPE, Effect, Followers
+from twin.base.followers import DEFAULT, FOLLOWER_LABELS, FREE, GIVEN, SHAPE, Effect, Followers
 from twin.base.settings import setting
 from twin.fmu.export import frame_phase, sources, variables
 from twin.identify.logs import of_columns
@@ -29,7 +29,7 @@ from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.scenario.schema import ENGINES, REGISTER, Section, register
+from twin.scenario.rig_tables import ENGINES, REGISTER, Section, register
 from twin.whatif.attribution import EFFECTS, effects_of, without
 
 SHORT = ("duration=0.3", "metrics.start=0", "plant.start.x_rate=0.1")
@@ -142,7 +142,7 @@ def test_a_setting_that_a_plant_leaves_out_is_refused_in_a_line_that_says_why(ki
     why = REGISTER[key].followed_by.lacking(ENGINES[kind])
     with pytest.raises(ScenarioError) as refused:
         load("circle", [f"plant.kind={kind}", f"{key}={VALUES[key]}"])
-    assert f"{key}: {PARTS[ENGINES[kind]]} {why}; set plant.kind=" in str(refused.value)
+    assert f"{key}: {FOLLOWER_LABELS[ENGINES[kind]]} {why}; set plant.kind=" in str(refused.value)
 
 
 def source_of(told):
@@ -284,13 +284,13 @@ from dataclasses import dataclass
 from twin.base.errors import TwinError
 from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import ramp
-from twin.sim import rig
+from twin.sim import drives
 
 @dataclass(frozen=True, kw_only=True)
-class WithBristles(rig.DriveModel):
+class WithBristles(drives.DriveModel):
     lugre: float = ramp("plant.servo.lugre_stiffness", 0.0, ge=0, {stated})
 
-rig.DriveModel = WithBristles
+drives.DriveModel = WithBristles
 
 import ballplate as bp
 from twin.scenario import load

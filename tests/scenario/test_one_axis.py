@@ -10,7 +10,7 @@ import pytest
 import ballplate as bp
 from controllers.references import Circle, Hold, Lissajous, Sine, closed_form
 from twin.base.errors import RecordError, ScenarioError
-from twin.base.followers import PARTS
+from twin.base.followers import FOLLOWER_LABELS
 from twin.play.driven import Driven
 from twin.run.assemble import build_reference
 from twin.scenario.load import check, clean, load, read, resolve
@@ -69,7 +69,10 @@ def test_a_tube_is_the_x_axis_of_a_plate():
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"plant.kind": "mujoco"}, f"plant.axes: {PARTS['mechanism']} is a plate that tilts about"),
+        (
+            {"plant.kind": "mujoco"},
+            f"plant.axes: {FOLLOWER_LABELS['mechanism']} is a plate that tilts about",
+        ),
         ({"plant.axes": 3}, "plant.axes: must be 1 or 2, got 3"),
         ({"plant.shape": "round", "plant.size": [0.1, 0.1]}, "plant.shape: must be 'rectangle'"),
         ({"plant.start.spin": 1.0}, "plant.start.spin: leave it out with plant.axes = 1"),
@@ -116,6 +119,24 @@ def test_on_a_tube_a_reference_is_what_it_is_along_x(name, reference, title):
     assert motion[..., 0] == pytest.approx(reference(time)[..., 0], abs=1e-15)
     assert not motion[..., 1].any()
     assert scenario.title == title
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "title"),
+    [
+        ("circle", ["reference.amplitude=0.05"], "Circle of 50 mm at 0.75 rad/s"),
+        ("circle", ["reference.omega=1"], "Circle of 150 mm at 1 rad/s"),
+        ("circle", ["parameters=hobby", "reference.amplitude=0.05"], "Circle of 50 mm at 0.75"),
+        ("step", ["reference.x=0.1", "reference.y=0.05"], "Step to (100, 50) mm"),
+        ("step", ["reference.x=0.1"], "Step to (100, 150) mm"),
+        ("sine", ["reference.amplitude=[0.1, 0.05]"], "Sine on both axes, (100, 50) mm at 0.5"),
+        ("thesis/9_1", ["reference.end=[0.1, 0.1]"], "LQR, step to (100, 100) mm"),
+        ("circle", ["reference.amplitude=0.05", "title=A"], "A"),
+        ("circle", ["duration=20"], "Circle of 150 mm at 0.75 rad/s"),
+    ],
+)
+def test_a_title_states_the_reference_as_it_is_set(name, settings, title):
+    assert load(name, settings).title.startswith(title)
 
 
 def test_a_title_without_lengths_states_the_factor_and_another_length_stays():

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from twin.base.errors import ScenarioError
 from twin.scenario import load
-from twin.scenario.load import check, comparison, parse_variations, put, read, setting, variants
+from twin.scenario.load import check, put, read, setting
+from twin.scenario.variations import comparison, parse_variations, variants
 
 
 def override(tables, overrides):

@@ -15,10 +15,10 @@ from twin.cli.runs import run as run_command
 from twin.cli.understand import shadow as shadow_command
 from twin.identify.logs import read
 from twin.identify.prepare import prepare
-from twin.run.finished import open_run
+from twin.run.opened import open_run
 from twin.scenario import load
 from twin.shadow import follow
-from twin.shadow.alarms import Alarm, Cause
+from twin.shadow.causes import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import CHI_SQUARE_95, Replays

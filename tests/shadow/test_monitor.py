@@ -37,7 +37,7 @@ from twin.shadow.alarms import (
 )
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import Evidence, plate_evidence
-from twin.sim.rig import Play
+from twin.sim.drives import Play
 
 ALARM_LLR, LATE_LLR = CHANGE_TEST.threshold_llr, DEAD_TIME_TEST.threshold_llr
 MAX_INCREMENT = DEAD_TIME_TEST.max_llr_increment

@@ -3,6 +3,7 @@
 import json
 import math
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,6 +22,7 @@ from twin.identify.verdicts import ParameterVerdict
 from twin.scenario.load import load
 from twin.shadow.reference import (
     Reference,
+    _with_doubted_ball,
     _with_shown_ball,
     _with_shown_lever,
     examine_by_reference,
@@ -274,6 +276,39 @@ def test_the_ball_of_a_reference_is_the_one_its_gain_is_nearest_to(gain, word, f
         first = float(error.strip("[").split(",")[0])
         assert push * (1 + first / 100) == pytest.approx(gain, rel=1e-3)
         assert "-0]" not in error.replace("-0.", "")
+
+
+@pytest.mark.parametrize(
+    ("gains", "factor", "shown"),
+    [
+        (
+            (7.0, 6.95),
+            3 / 5,
+            "of a solid ball, 0.71 of gravity, not of the stated 0.6: --ball",
+        ),
+        (
+            (5.9,),
+            5 / 7,
+            "of a hollow ball, 0.6 of gravity, not of the stated 0.71: --ball",
+        ),
+        ((5.9,), 3 / 5, ""),
+        ((6.5,), 3 / 5, ""),  # of neither
+        ((7.0, 5.9), 3 / 5, ""),  # of one axis each
+        ((), 3 / 5, ""),
+    ],
+)
+def test_a_stated_ball_is_doubted_where_the_gain_is_that_of_another(gains, factor, shown):
+    about = plain_parameter("gain", "rad")
+    verdicts = [
+        ParameterVerdict(
+            about=about, name=f"gain_{axis}", value=v, low=v - 0.1, high=v + 0.1, word="identified"
+        )
+        for axis, v in zip("xy", gains, strict=False)
+    ]
+    found = _with_doubted_ball(replace(axis_identification(*verdicts), factor=factor))
+    assert found.factor == factor
+    assert len(found.notes) == bool(shown)
+    assert all(shown in note for note in found.notes)
 
 
 @pytest.mark.parametrize(

@@ -15,11 +15,12 @@ from click.testing import CliRunner
 
 from twin.base.errors import LogError, TwinError
 from twin.cli.understand import shadow as command
-from twin.identify.logs import MECHANISM_LAG, read
+from twin.identify.logs import MECHANISM_LAG, of_columns, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.alarms import CHANGE_TEST, Before, weigh
+from twin.shadow.alarms import CHANGE_TEST, Before
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief, belief_of, check_commands, logs
+from twin.shadow.causes import weigh
 from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior, whiten
 from twin.shadow.follow import LEARNING_S, shadow
 from twin.shadow.report import page
@@ -50,6 +51,17 @@ def beside(changes, *of):
     """Logs of a healthy rig and others by what happened to them."""
     changes = {"healthy": "", **changes}
     return dict(zip(changes, logs([told(each, *of) for each in changes.values()]), strict=True))
+
+
+def test_the_twin_of_a_csv_log_has_the_ball_that_is_stated_for_it():
+    rows = np.zeros(3)
+    names = ("measured_x", "measured_phi", "measured_y", "measured_theta")
+    log = of_columns({"time": 0.002 * np.arange(3), **dict.fromkeys(names, rows)}, {}, "a.csv")
+    ball = belief_of(log, (), 5 / 7).scenario.plant.ball
+    assert ball.inertia == pytest.approx(2 / 5 * ball.mass * ball.radius**2)
+    assert belief_of(log).scenario.plant.ball.inertia == pytest.approx(6.4e-6)
+    with pytest.raises(LogError, match="--ball: not allowed; a run states its ball"):
+        belief_of(replace(log, scenario=load("circle").model_dump(mode="json")), (), 5 / 7)
 
 
 @pytest.fixture(scope="module")

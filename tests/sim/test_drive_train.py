@@ -1,4 +1,4 @@
-"""`twin.sim.rig`: What lies between commanded and made motor rates, against closed forms."""
+"""`twin.sim.drives`: What lies between commanded and made motor rates, against closed forms."""
 
 import math
 
@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from twin.run.finished import run
 from twin.scenario import load
-from twin.sim.rig import DriveModel, Hysteresis, Play, Resonance, SimulatedDrives, Vibration
+from twin.sim.drives import DriveModel, Hysteresis, Play, Resonance, SimulatedDrives, Vibration
 
 PERIOD, RATIO = 0.002, 5.0
 

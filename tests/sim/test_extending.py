@@ -16,8 +16,8 @@ from twin.run.finished import run
 from twin.run.loop import Episodes, simulate
 from twin.scenario import load
 from twin.scenario.load import validate
-from twin.scenario.schema import PLANT_KINDS as NAMED
-from twin.scenario.schema import tables
+from twin.scenario.rig_tables import PLANT_KINDS as NAMED
+from twin.scenario.rig_tables import tables
 
 EXACT = ("plant.kind=lagrange", "duration=1", "metrics.start=0", "sensors.touch.variance=[0,0]")
 
@@ -125,7 +125,7 @@ def own():
 
 def test_a_plant_that_nobody_registered_is_refused_in_a_line(monkeypatch):
     # what others may have registered in this process is not there
-    monkeypatch.setattr("twin.scenario.schema.PLANT_KINDS", ["mujoco", "lagrange"])
+    monkeypatch.setattr("twin.scenario.rig_tables.PLANT_KINDS", ["mujoco", "lagrange"])
     with pytest.raises(ScenarioError, match=r"plant\.kind: must be 'mujoco' or 'lagrange', got"):
         load("circle", ["plant.kind=frictionless"])
 

@@ -1,4 +1,4 @@
-"""`twin.study.report`: What a study says of functions whose sensitivity is known in closed form."""
+"""`twin.study.answers`: Answers of functions whose sensitivity is known in closed form."""
 
 from __future__ import annotations
 
@@ -10,17 +10,9 @@ import numpy as np
 import pytest
 
 from twin.run.files import MOTION_INDICATORS
+from twin.study.answers import Answer, answers, sobol_indices, spread, wilson
 from twin.study.experiments import Store, carry
-from twin.study.report import (
-    Answer,
-    answers,
-    in_order,
-    sentences,
-    sobol_indices,
-    spread,
-    wilson,
-    write,
-)
+from twin.study.report import in_order, sentences, write
 from twin.study.schema import Study
 from twin.study.work import SOBOL_DESIGNS, Job, Row, Work, quantiles
 

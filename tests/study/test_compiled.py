@@ -13,7 +13,7 @@ import pytest
 import ballplate as bp
 from twin.base.errors import TwinError
 from twin.base.shipped import shipped_in
-from twin.fmu.export import first_values, variables
+from twin.fmu.export import first_values, surface_of, variables
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.metrics import Motion
@@ -52,8 +52,8 @@ SURFACED = ("uneven", "sloping")
 def quickly_compiled(request, monkeypatch):
     """To optimise is most of what compiling takes; long tests simulate for longer than that."""
     if request.node.get_closest_marker("long") is None:
-        flags = ["-O0" if flag == "-O3" else flag for flag in compiled.FLAGS]
-        monkeypatch.setattr(compiled, "FLAGS", flags)
+        flags = ["-O0" if flag == "-O3" else flag for flag in compiled.LOOP_FLAGS]
+        monkeypatch.setattr(compiled, "LOOP_FLAGS", flags)
 
 
 def scenario(*settings: str, name: str = "circle", seconds: float = 1.0) -> Scenario:
@@ -175,7 +175,7 @@ def library_of(of: Scenario) -> compiled.CompiledRuns:
 
 
 def rig_of(of: Scenario) -> compiled.CompiledRig:
-    return compiled.CompiledRig(of, compiled.surface_of(of))
+    return compiled.CompiledRig(of, surface_of(of))
 
 
 def simulated(*of: Scenario) -> list[Motion | None]:
@@ -260,6 +260,7 @@ def test_each_controller_of_a_study_in_c_is_asked_for_once(monkeypatch):
     rigs = [(law, seed) for seed in (1, 2) for law in ("afl", "lqr")]
     for law, seed in rigs:
         check(scenario(f"controller.kind={law}", f"seed={seed}"))
+    check.check_controllers()
     assert [each.controller.kind for each in asked] == ["afl", "lqr"]
 
 

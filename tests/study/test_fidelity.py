@@ -20,7 +20,7 @@ from twin.study.fidelity import (
     index_parts,
 )
 from twin.study.schema import Study
-from twin.study.screen import MIN_TAIL_POINTS, SHARES
+from twin.study.screen import MIN_TAIL_POINTS, QUANTILE_SHARES
 from twin.study.work import SOBOL_DESIGNS, quantiles
 
 REPLICATIONS, POINTS, TIMES = 200, 100, 10
@@ -73,7 +73,7 @@ def test_intervals_of_a_mean_hold_the_truth_in_95_percent_whatever_the_bias():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("share", SHARES.values())
+@pytest.mark.parametrize("share", QUANTILE_SHARES.values())
 def test_intervals_of_a_quantile_hold_the_truth_in_95_percent(share):
     held, widths = [], []
     for own, paired, wide in replications(800, round(MIN_TAIL_POINTS / 0.05)):

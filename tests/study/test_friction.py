@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
+from twin.study.answers import answers
 from twin.study.experiments import Store, carry
-from twin.study.report import answers
 from twin.study.schema import Study
 from twin.study.work import Work
 

@@ -17,8 +17,9 @@ from ballplate.studies import screen_of
 from twin.base.errors import ScenarioError
 from twin.run.files import MOTION_INDICATORS
 from twin.study import compiled
+from twin.study.answers import answers
 from twin.study.experiments import ROW_SCHEMA
-from twin.study.report import answers, write
+from twin.study.report import write
 from twin.study.schema import Study
 from twin.study.screen import CHECKED_POINTS, Screen, Screened
 from twin.study.screen_report import blocks, numbers_of, write_rows

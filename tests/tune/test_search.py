@@ -7,8 +7,8 @@ import pytest
 
 from controllers.analysis import margins, sampled_loop, unstable
 from controllers.classical import AFL, LQR, SlidingMode
-from controllers.controller import Smith
 from controllers.observers import Kalman, Luenberger
+from controllers.smith import Smith
 from twin.run.assemble import build_controller
 from twin.scenario import load
 from twin.tune.search import best_of, score, search_all, tail_mean

@@ -9,8 +9,9 @@ import pytest
 from twin.base.errors import ScenarioError
 from twin.hal.supervisor import State
 from twin.run.files import STREAM_FILE
-from twin.run.finished import open_run, run, run_metadata
+from twin.run.finished import run, run_metadata
 from twin.run.metrics import Ending, Motion, Outcome, measure
+from twin.run.opened import open_run
 from twin.run.record import stream
 from twin.scenario.load import cut_short, load
 from twin.shadow.report import sentences
@@ -137,9 +138,9 @@ def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():
     seen |= {"wall_note": ""}
     (still,) = sentences(SimpleNamespace(**seen, gaps=np.zeros((0, 2))))
     cut, gaps = sentences(SimpleNamespace(**seen, gaps=np.tile([1.0, 1.1], (263, 1))))
-    assert "moved for 0 of 25 s" in still
+    assert "moved for 0 of the log's 25 usable seconds" in still
     assert "moved for" not in cut
-    assert cut.startswith("Cannot tell: gaps cut the log up, and only 0 of 25 s")
+    assert cut.startswith("Cannot tell: gaps cut the log up, and only 0 of its 25 usable seconds")
     assert gaps.startswith("263 gaps")
 
 

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from docs.screenshots import headless
 from twin.base.errors import ViewError
-from twin.run.finished import open_run, record_run, run
+from twin.run.finished import record_run, run
+from twin.run.opened import open_run
 from twin.shadow import report
 from twin.view import recording, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer

@@ -11,7 +11,8 @@ from rerun.experimental import ViewerClient
 
 from docs.screenshots import headless
 from twin.base.errors import RecordError, ViewError
-from twin.run.finished import open_run, open_runs, record_run, run
+from twin.run.finished import record_run, run
+from twin.run.opened import open_run, open_runs
 from twin.scenario import load
 from twin.view import recording, viewer
 from twin.view.recording import blueprint, write

@@ -13,7 +13,8 @@ from twin.base.writing import write_json
 from twin.cli.runs import report as command
 from twin.devices.realtime import TimingLog
 from twin.run.files import INDICATOR_UNITS
-from twin.run.finished import Run, open_run, open_runs, record_run, run
+from twin.run.finished import Run, record_run, run
+from twin.run.opened import open_run, open_runs
 from twin.run.tables import INDICATOR_LABELS, TIMING_NAMES
 from twin.scenario.load import check
 from twin.view.html import details, html

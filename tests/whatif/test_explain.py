@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.base.data_file import read_toml
+from twin.base.errors import TwinError
 from twin.cli.understand import _effects
 from twin.cli.understand import explain as command
 from twin.run import picture
@@ -29,6 +30,7 @@ from twin.whatif.attribution import (
     apply_overrides,
     attempt,
     attribute,
+    describe_short_run,
     explain,
     plan,
     present,
@@ -239,6 +241,32 @@ def test_shares_of_a_few_seconds_are_called_too_short(clean, kind, duration, sta
     assert bool(said) == bool(words)
     assert re.search(words, said)
     assert any("too short to evaluate" in str(line) for line in _effects(found)) == bool(words)
+
+
+def test_a_run_that_is_too_short_is_warned_of_before_any_case_is_run(monkeypatch, tmp_path):
+    def refuse(*_):
+        raise TwinError("no run")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("twin.whatif.attribution.explain", refuse)
+    done = CliRunner().invoke(command, ["hold", "--set", "duration=2", "--set", "metrics.start=0"])
+    assert str(done.exception) == "no run"
+    assert "too short to evaluate: 2 s" in " ".join(done.output.split())
+
+
+@pytest.mark.parametrize(
+    ("reference", "shown"),
+    [
+        ("{kind='circle'}", "at least 12.6 s"),  # once round at 0.5 rad/s, the default
+        ("{kind='circle', omega=0.0}", ""),  # is refused where it is built
+        ("{kind='hold'}", ""),
+    ],
+)
+def test_a_circle_is_evaluated_once_round_if_it_goes_round(reference, shown):
+    times = ("duration=10", "metrics.start=0")
+    found = describe_short_run(load("circle", (*times, f"reference={reference}")))
+    assert bool(found) == bool(shown)
+    assert shown in found
 
 
 def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):

@@ -19,21 +19,12 @@ from twin.cli import ballplate
 from twin.run import finished
 from twin.run.assemble import build_controller
 from twin.run.files import export
-from twin.run.finished import open_run, open_runs
 from twin.run.logs import NEEDED_COLUMNS
 from twin.run.metrics import INTERRUPTED_REASON
+from twin.run.opened import open_run, open_runs
 from twin.scenario.load import load
-from twin.whatif.futures import (
-    PATH_FIT,
-    SYNCHRONISATION,
-    agreement,
-    branches_of,
-    exact,
-    futures,
-    moment_of,
-    path,
-    take_over,
-)
+from twin.whatif.futures import agreement, branches_of, futures, moment_of
+from twin.whatif.moments import PATH_FIT, SYNCHRONISATION, exact, path, take_over
 
 AT = 1.2
 LATE = 2.2
@@ -257,7 +248,7 @@ def invoke(*arguments):
 
 
 def test_a_wrong_change_is_refused_before_the_run_is_simulated_again(run, monkeypatch):
-    monkeypatch.setattr("twin.whatif.futures.exact", None)
+    monkeypatch.setattr("twin.whatif.moments.exact", None)
     result = invoke(run, "--at", AT, "--branch", "controller.kind=pid; plant.nonsense=1")
     assert "plant.nonsense" in str(result.exception)
     result = invoke(run, "--at", AT, "--columns", "when=t")

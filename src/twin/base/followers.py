@@ -80,7 +80,7 @@ class Followers:
     @property
     def unstated(self) -> tuple[str, ...]:
         """Parts of which nothing is stated."""
-        return tuple(part for part in PARTS if not getattr(self, part))
+        return tuple(part for part in FOLLOWER_LABELS if not getattr(self, part))
 
     def lacking(self, part: str) -> str:
         """Why a part leaves the setting out; empty if it follows."""
@@ -88,7 +88,7 @@ class Followers:
         return how if isinstance(how, str) else ""
 
 
-PARTS: dict[str, str] = {
+FOLLOWER_LABELS: dict[str, str] = {
     "mechanism": "the mechanism",
     "equations": "the exact equations",
     "source": "the C source of an FMU",

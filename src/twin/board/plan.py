@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.stable_inversion import StableInversion, inverse
+from controllers.stable_inversion import StableInversion
+from controllers.two_sided import inverse
 from twin.base.errors import ScenarioError
 from twin.board.control import Control
 

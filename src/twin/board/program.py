@@ -19,7 +19,7 @@ from twin.board.footprint import ARM_FLAGS
 if TYPE_CHECKING:
     from twin.board.control import Control
 
-NAME = "controller"
+CONTROLLER_NAME = "controller"
 """What the names of files and functions begin with."""
 INSTRUCTION_SHIFT = 7
 """An instruction takes 2 to the power of this in ns of QEMU's time. A tick of its SysTick is 40 ns:
@@ -27,13 +27,13 @@ from 7 on a count of ticks, right to one, gives that of instructions to the last
 EMULATOR = "qemu-system-arm"
 ELF_ARM = b"\x28\0"
 """What an ELF file for an ARM processor has at byte 18."""
-PACKAGES = {
+COMPILER_PACKAGES = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
     EMULATOR: "qemu-system-arm",
     "gcc": "gcc",
 }
 """The packages of Debian that have a program."""
-FLAGS = ("-std=c99", "-O2")
+COMMON_FLAGS = ("-std=c99", "-O2")
 """Flags of all compilers: no contracted products, no ``-ffast-math``."""
 
 
@@ -80,7 +80,7 @@ def find_program(program: str) -> str:
     Raises:
         ScenarioError: If it is not: which packages of Debian have it.
     """
-    return programs.find_program(program, PACKAGES, "board.program", ScenarioError)
+    return programs.find_program(program, COMPILER_PACKAGES, "board.program", ScenarioError)
 
 
 def command_of(program: Path) -> list[str]:
@@ -119,7 +119,7 @@ def compile_controller(control: Control, target: str, real: str) -> Path:
     find_program(TARGETS[target].compiler)
     with extra("casadi", "board.program"):
         from twin.board.source import sources  # noqa: PLC0415  heavy: loaded when needed
-    texts = sources(NAME, control, real)
+    texts = sources(CONTROLLER_NAME, control, real)
     return _compile(tuple(sorted(texts.items())), target)
 
 
@@ -132,7 +132,7 @@ def build_command(folder: str, name: str) -> str:
     """
     about = TARGETS["cortex-m4"]
     files = f"-I. -T{folder}/board.ld {folder}/board.c {name}.c -o {name}.elf -lm"
-    return " ".join((about.compiler, *FLAGS, *about.flags, files))
+    return " ".join((about.compiler, *COMMON_FLAGS, *about.flags, files))
 
 
 def size_of(program: Path, target: str) -> Size:
@@ -157,9 +157,9 @@ def _compile(texts: tuple[tuple[str, str], ...], target: str) -> Path:
     program, script = own / "board", list[str]()
     if target == "cortex-m4":
         program, script = own / "board.elf", ["-Tboard.ld"]
-    files = [*script, "board.c", f"{NAME}.c", "-o", program.name, "-lm"]
+    files = [*script, "board.c", f"{CONTROLLER_NAME}.c", "-o", program.name, "-lm"]
     done = subprocess.run(
-        [about.compiler, *FLAGS, *about.flags, *files],
+        [about.compiler, *COMMON_FLAGS, *about.flags, *files],
         cwd=own,
         env=os.environ | {"LC_ALL": "C"},  # messages as they are read here
         capture_output=True,

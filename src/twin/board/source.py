@@ -32,11 +32,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.controller import HeldLaw, Smith
+from controllers.controller import HeldLaw
 from controllers.interfaces import Law
 from controllers.observers import FrictionMapKalman
 from controllers.observers.late_ball import LateBall
 from controllers.references import closed_form
+from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
 from twin.board.c_code import REALS, number

@@ -26,7 +26,7 @@ from controllers.classical import (
     PolePlacement,
     SlidingMode,
 )
-from controllers.controller import Smith, needed_columns
+from controllers.controller import needed_columns
 from controllers.interfaces import ControlLaw, Feedback, Law, Observer
 from controllers.observers import (
     ExtendedKalman,
@@ -36,6 +36,7 @@ from controllers.observers import (
     Luenberger,
     NonlinearLuenberger,
 )
+from controllers.smith import Smith
 from controllers.stable_inversion import InverseMotion, StableInversion
 from twin.base.errors import ScenarioError
 from twin.board.c_code import Constant, c_function

@@ -16,7 +16,7 @@ from uuid import uuid4
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
-from ballplate.running import EMULATED_RIG
+from ballplate.rig_access import EMULATED_RIG
 from twin.base.errors import ScenarioError, ViewError
 from twin.base.shipped import find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
@@ -26,7 +26,7 @@ LAWS_CLOSED_VARIABLE = "BALLPLATE_LAWS_CLOSED"
 """Copy of the name in ``controllers.catalog``, which a command imports only when it needs it."""
 
 if TYPE_CHECKING:
-    from ballplate.running import Attach
+    from ballplate.evidence import Attach
     from twin.run.record import Recorder
     from twin.scenario import Scenario
     from twin.view.live_process import LiveProcess

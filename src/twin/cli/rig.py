@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED_RIG, rig_of
+from ballplate.rig_access import EMULATED_RIG, rig_of
 from twin.base.errors import LogError, RigError, ScenarioError
 from twin.base.jobs import cores
 from twin.base.page import Table
@@ -437,7 +437,7 @@ def trace(
     if not found.timed and (again or log):
         raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
     if place.name == TRACE_FILE:
-        from twin.run.finished import incomplete_of
+        from twin.run.opened import incomplete_of
 
         found.remarks[:0] = incomplete_of(place.parent)
     if rig:
@@ -599,7 +599,7 @@ def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
 
     Settings are the control period, and those of the virtual rig.
     """
-    from twin.doctor.drives import measure_lost_motion
+    from twin.doctor.calibrate import measure_lost_motion
     from twin.identify.plate_motion import PLAY_KEYS
     from twin.run.connect import cams_of
     from twin.scenario import load
@@ -634,7 +634,7 @@ def touch(rig: str, out: Path) -> None:
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
     """
-    from twin.doctor.drives import measure_touch, usual_points
+    from twin.doctor.calibrate import measure_touch, usual_points
     from twin.scenario import load
 
     points = usual_points()
@@ -650,7 +650,7 @@ def touch(rig: str, out: Path) -> None:
 
 
 def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:
-    from twin.doctor.drives import place
+    from twin.doctor.calibrate import place
 
     rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
@@ -693,7 +693,7 @@ def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ..
 
     Settings are the control period, and those of the virtual rig.
     """
-    from twin.doctor.drives import measure_cams
+    from twin.doctor.calibrate import measure_cams
     from twin.scenario import load
 
     with _turn_plate(rig, load("circle", overrides), "measuring the cams", lines**2 + 1) as (

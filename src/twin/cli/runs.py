@@ -103,7 +103,7 @@ def run(
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     viewing = options.Viewing(**watched)
-    from twin.run.finished import of_other_class
+    from twin.run.opened import of_other_class
     from twin.scenario import load
 
     named = run_folder(scenario, (*overrides, *([] if rig is None else [f"rig={Path(rig).stem}"])))
@@ -261,7 +261,7 @@ def sweep(
     runs are written to sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
-    from twin.scenario.load import parse_variations, swept
+    from twin.scenario.variations import parse_variations, swept
 
     (key, points), curves = swept(values), parse_variations(vary)
     named = (values.replace(":", ".."), *vary, *overrides)
@@ -398,7 +398,7 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
             raise RecordError(f"{path}: not a run; show a CAN trace without runs")
         if path.suffix == ".csv":
             raise RecordError(f"{path}: a log, not a run; ballplate compare {path} SCENARIO")
-    from twin.run.finished import open_runs
+    from twin.run.opened import open_runs
 
     return open_runs(paths, TERMINAL.warn)
 

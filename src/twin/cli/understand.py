@@ -57,10 +57,12 @@ def explain(
     scenario: str, overrides: tuple[str, ...], out: Path | None, processes: int | None
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
-    from twin.whatif.attribution import draw, plan, summary
+    from twin.whatif.attribution import describe_short_run, draw, plan, summary
     from twin.whatif.attribution import explain as explain_scenario
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
+    if short := describe_short_run(chosen):
+        warn(short)
     named = run_folder(scenario, overrides)
     folder = check_writable(out or named.with_name(f"explain-{named.name}"))
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
@@ -75,7 +77,7 @@ def explain(
 
 
 def _effects(found: Explanation) -> Iterator[Shown]:
-    from twin.whatif.attribution import EFFECTS, present
+    from twin.whatif.attribution import EFFECTS, describe_short_run, present
 
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
@@ -94,8 +96,8 @@ def _effects(found: Explanation) -> Iterator[Shown]:
     for label, share in (("effects on each other", found.rest), ("left with none", found.base)):
         if share is not None:
             rows.append((label, "", "", percentage(share)))
-    if found.too_short:
-        yield bold(found.too_short)
+    if short := describe_short_run(found.scenario):
+        yield bold(short)
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
     yield f"all effects: {size_text(found.whole)}"
     yield f"none of them: {size_text(found.none)}: the law itself, on a clean model"
@@ -159,7 +161,7 @@ def identify(
         show(surveyed.as_dict(), _describe_survey(surveyed))
         return 1
     hold_out = _held_out(held)
-    from ballplate.results import identify as identify_log
+    from ballplate.identifying import identify as identify_log
     from twin.identify.report import TABLE_HEADINGS, rows
     from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
 
@@ -282,7 +284,8 @@ def shadow(
     """Compare a recorded run with the twin: is it still right, since when not, and why.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands; with
-    --columns a log of any rig, its ball by --on or --ball, or learned from the reference.
+    --columns a log of any rig, its ball by --on or --ball, or learned from the reference. --ball
+    states the ball of a CSV file with named columns, too; a run states its own.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
     identified ones: it learns then as with --learn). With --reference it is identified from another
     log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
@@ -334,18 +337,17 @@ def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:
 
     Raises:
         LogError: If there is no such ball, role or unit, or a log has other columns than those
-            that this program knows.
-        ScenarioError: If a ball is given for a run.
+            that this program knows, or a ball is given for a run.
     """
-    if how["columns"] is not None:
-        from twin.identify.logs import ball_factor, wanted_columns
+    from twin.identify.logs import ball_factor, wanted_columns
 
-        if how.get("ball") is not None:
-            ball_factor(how["ball"])
+    if how.get("ball") is not None:
+        ball_factor(how["ball"])
+        for file in filter(is_record, files):
+            raise LogError(f"{run_name(file)}: --ball: not allowed; a run states its ball")
+    if how["columns"] is not None:
         wanted_columns(how["columns"])
         return
-    if how.get("ball") is not None:
-        raise ScenarioError("--ball: with --columns only; a run knows its ball")
     for file in files:
         if surveyed := _survey_unknown(file, how["separator"]):
             has = ", ".join(each.name for each in surveyed.columns[:12])

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import time_constant
 from twin.base.errors import RigError
 from twin.base.jobs import let_go, spawn
 from twin.base.settings import from_scenarios
@@ -45,7 +46,8 @@ from twin.hal.interface import Touch, Transmission
 from twin.run.assemble import build_devices, build_plant, start_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
-from twin.sim.rig import DriveModel, SimulatedDevices
+from twin.sim.drives import DriveModel
+from twin.sim.rig import SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 
 MAX_PLANT_STEP_S = 0.001
@@ -171,8 +173,7 @@ class EmulatedPlant:
     def shaft_lag(self) -> float:
         """Time constant in s with which its shafts follow the drives' velocities."""
         servo = from_scenarios(DriveModel, [self._scenario])
-        lag = 1 / (2 * np.pi * float(servo.bandwidth)) if servo.bandwidth else 0.0
-        return float(servo.dead_time) + lag
+        return float(servo.dead_time) + time_constant(float(servo.bandwidth))
 
     @property
     def longest_gap(self) -> float:

@@ -17,6 +17,7 @@ from controllers.fmu import RATE_OUTPUTS
 from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError
 from twin.base.page import render_template
+from twin.board.program import CONTROLLER_NAME
 from twin.board.source import TEMPLATE_FOLDER, controller_parts, controller_sources
 from twin.fmu.export import (
     FMI_SOURCES,
@@ -31,9 +32,7 @@ from twin.run.assemble import control_of
 from twin.run.controller_source import reference_run
 from twin.scenario.schema import Scenario
 
-NAME = "controller"
-"""What the names of the C source begin with."""
-MODEL_FILES = ("model.h", "model.c")
+MODEL_SOURCES = ("model.h", "model.c")
 """The C source between the functions of FMI and the controller."""
 MEASURED_COLUMNS = {
     **{each: f"measured_{each}" for each in ("x", "phi", "y", "theta")},
@@ -72,7 +71,7 @@ def export_fmu(
     """
     if fmi not in FMI_SOURCES:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
-    parts = controller_parts(NAME, control_of(scenario), real)
+    parts = controller_parts(CONTROLLER_NAME, control_of(scenario), real)
     if reference_inputs and parts["plan"] is not None:
         raise TwinError(
             f"reference_inputs: '{parts['law']}' plans ahead along the scenario's reference"
@@ -80,7 +79,7 @@ def export_fmu(
     variables = list_variables(scenario.rig.period, reference_inputs=reference_inputs)
     given = {"period": scenario.rig.period, "reference_inputs": reference_inputs}
     written = controller_sources(parts) | read_sources(*FMI_SOURCES[fmi])
-    for name in MODEL_FILES:
+    for name in MODEL_SOURCES:
         written[name] = render_template(TEMPLATE_FOLDER / f"{name}.j2", **given)
     return write_fmu(
         path,

@@ -26,7 +26,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.followers import FREE, PARTS
+from twin.base.followers import FOLLOWER_LABELS, FREE
 from twin.base.page import render_template
 from twin.base.parts import own_version
 from twin.base.programs import find_c_compiler
@@ -36,12 +36,14 @@ from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT_PATTERN, meanings
-from twin.scenario.schema import RIG_CLASSES, Scenario, changed_in_vain, left_out
+from twin.scenario.rig_tables import RIG_CLASSES, left_out
+from twin.scenario.schema import Scenario, changed_in_vain
+from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.plant.rim import Rim
-from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.transmission import TransmissionError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,7 +159,7 @@ def parameters(scenario: Scenario, part: str = "source") -> Iterator[Variable]:
 
     Args:
         scenario: The scenario.
-        part: The C source of an FMU, or a different one of ``twin.base.followers.PARTS``.
+        part: The C source of an FMU, or a different one of ``twin.base.followers.FOLLOWER_LABELS``.
     """
     for about, meaning in _open_settings(part):
         yield from _parameter(scenario, about, meaning)
@@ -262,7 +264,7 @@ def c_source(scenario: Scenario, surface: Array | None, path: Array | None) -> d
 
     Args:
         scenario: The owner of the rig.
-        surface: Relative friction and slope along x and y over the screen, shape (n, m, 3).
+        surface: Its ``surface_of``.
         path: The reference at the control periods, x, y and their first and second derivatives,
             shape (K, 6); None where it is no output.
     """
@@ -275,6 +277,12 @@ def c_source(scenario: Scenario, surface: Array | None, path: Array | None) -> d
     }
     names = ("scenario.h", "scenario.c")
     return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
+
+
+def surface_of(scenario: Scenario) -> Array | None:
+    """Relative friction and slope along x and y over the screen, shape (n, m, 3); None if even."""
+    friction = build_friction([scenario])
+    return None if friction is None or friction.map is None else friction.map.grids[0]
 
 
 def compiled_in(scenario: Scenario, surface: Array | None) -> dict[str, Any]:
@@ -364,7 +372,7 @@ def export(
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
     unfollowed = left_out("source")
     for key in changed_in_vain(scenario, unfollowed):
-        raise ScenarioError(f"{key}: {PARTS['source']} {unfollowed[key]}")
+        raise ScenarioError(f"{key}: {FOLLOWER_LABELS['source']} {unfollowed[key]}")
     held = variables(scenario, frame_phase(scenario), path=wished)
     return write_fmu(
         path,
@@ -429,10 +437,8 @@ def frame_phase(scenario: Scenario) -> float:
 def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dict[str, str], str]:
     """The C source of a scenario's rig by the names of its files, and its token, a hash of it."""
     written = read_sources(*RIG_SOURCES, *FMI_SOURCES[fmi])
-    friction = build_friction([scenario])
-    surface = None if friction is None or friction.map is None else friction.map.grids[0]
     path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
-    return add_token(written | c_source(scenario, surface, path), held)
+    return add_token(written | c_source(scenario, surface_of(scenario), path), held)
 
 
 def add_token(

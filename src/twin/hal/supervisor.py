@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from enum import IntEnum, StrEnum
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +142,11 @@ class Note(NamedTuple):
     text: str
 
 
-def correct_angle(angle: Any, drift: Any, share: Number) -> Any:
+@overload
+def correct_angle(angle: float, drift: float, share: float) -> float: ...
+@overload
+def correct_angle(angle: Array, drift: Array, share: Number) -> Array: ...
+def correct_angle(angle: Number, drift: Number, share: Number) -> Number:
     """The commanded plate angle, corrected by a share of its drift from the measured one.
 
     Args:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.ballplate import BallPlate
+from controllers.ballplate import BallPlate, corner_frequency
 from twin.base.errors import LogError
 from twin.base.page import digits
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
@@ -53,7 +53,6 @@ from twin.identify.verdicts import (
     Identification,
     ParameterVerdict,
     Predicted,
-    corner_frequency,
     score,
 )
 from twin.identify.windows import spans, usual_free_time

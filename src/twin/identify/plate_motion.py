@@ -19,7 +19,7 @@ from twin.identify.least_squares import Estimate, Fit, FitProblem, SampleWindows
 from twin.identify.logs import resolution
 from twin.identify.parameters import DRIVE_PARAMETERS
 from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL_SPEED_M_S, PreparedLog, Segment, speed
-from twin.sim.rig import Hysteresis, Play
+from twin.sim.drives import Hysteresis, Play
 
 CORNER_FREQUENCIES_HZ = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""

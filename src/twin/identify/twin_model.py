@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 
 from controllers.arrays import Array, Mask
-from controllers.ballplate import BallPlate
+from controllers.ballplate import BallPlate, corner_frequency, time_constant
 from twin.base.errors import LogError
 from twin.identify.least_squares import (
     START_DIFFERENCES,
@@ -51,10 +51,8 @@ from twin.identify.verdicts import (
     Identification,
     ParameterVerdict,
     Predicted,
-    corner_frequency,
     predict_windows,
     score,
-    time_constant,
 )
 from twin.identify.windows import (
     LOOKBACK_S,

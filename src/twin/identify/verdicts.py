@@ -84,16 +84,6 @@ class ParameterVerdict:
         }
 
 
-def corner_frequency(lag: float) -> float:
-    """Corner frequency in Hz of a first-order lag of a time constant in s; 0 without a lag."""
-    return float(1 / (2 * np.pi * lag)) if lag else 0.0
-
-
-def time_constant(corner: float) -> float:
-    """Time constant in s of a first-order lag of a corner frequency in Hz; 0 without a lag."""
-    return float(1 / (2 * np.pi * corner)) if corner else 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class HoldOutPrediction:
     """Constants of the predictions of the held-out part.

@@ -23,8 +23,8 @@ import numpy as np
 
 from controllers import catalog
 from controllers.arrays import Array
-from controllers.controller import PerRigReference, SampledReference
 from controllers.interfaces import Feedback, Law, Measurement, Observer, Quantity, Reference
+from controllers.per_rig import PerRigReference, SampledReference
 from twin.base.data_file import DataError, parse_json, read_regular
 from twin.base.errors import LawError, ScenarioError, printable
 from twin.lab.schema import AnswerTable

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import time_constant
 from twin.base.errors import LogError
 from twin.identify.least_squares import (
     CONVERGED,
@@ -37,7 +38,7 @@ from twin.identify.parameters import (
 from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TWIN_SELECTION, TwinProblem, assess_parameters, whiteness
-from twin.identify.verdicts import ParameterVerdict, time_constant
+from twin.identify.verdicts import ParameterVerdict
 from twin.identify.windows import Windows, cut, moving_spans
 from twin.scenario.schema import Scenario
 from twin.shadow.belief import Belief

@@ -36,8 +36,10 @@ from twin.plan.experiment import (
     round_plainly,
 )
 from twin.run.assemble import build_reference
-from twin.scenario.load import inline, read
-from twin.scenario.schema import RigLimitsTable, Scenario
+from twin.scenario.load import read
+from twin.scenario.rig_tables import RigLimitsTable
+from twin.scenario.schema import Scenario
+from twin.scenario.variations import inline
 from twin.shadow.belief import logs
 
 PROCESSOR_S_PER_S, SLOWEST_RATIO = 0.25, 3

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.controller import Controller, SampledReference
+from controllers.controller import Controller
 from controllers.interfaces import Law, Measurement, Reference
+from controllers.per_rig import SampledReference
 from controllers.references import ALONG_X, AlongX, Setpoints
 from twin.base.errors import ScenarioError
 from twin.hal.rig import Entry
@@ -20,7 +21,8 @@ from twin.run.finished import Run, save
 from twin.run.metrics import Outcome
 from twin.run.record import Recorder
 from twin.run.state import Snapshot
-from twin.scenario.load import at_time, check, clean, put
+from twin.scenario.changing import at_time
+from twin.scenario.load import check, clean, put
 from twin.scenario.schema import (
     CONTROL_TABLES,
     JUMP_KEYS,
@@ -30,7 +32,8 @@ from twin.scenario.schema import (
     Scenario,
     choices,
 )
-from twin.whatif.futures import CONTROL_KEY_PREFIXES, take_over
+from twin.whatif.futures import CONTROL_KEY_PREFIXES
+from twin.whatif.moments import take_over
 
 SNAPSHOT_INTERVAL_S = 1.0
 """Simulated seconds from one state to the next."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from time import monotonic
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ from typing import Any, NamedTuple
 from nicegui import ui
 from nicegui.element import Element
 
-from controllers.interfaces import catalog_settings
+from controllers.interfaces import catalog_settings, entries_of
 from twin.play.driven import drivable
 from twin.play.session import (
     PAGE_TABLES,
@@ -180,7 +179,6 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
     """
     present = tables[table]
     one_axis = value_in(tables, "plant.axes") == 1
-    first_of_y = PAGE_TABLES["second_axis"][table].get(present["kind"], {}) if one_axis else {}
     meanings = {each.key: each.meaning for each in every_kind()[f"{table}.{present['kind']}"]}
     found: list[Slider] = []
     for item in catalog_settings(choices(table)[present["kind"]]):
@@ -192,8 +190,9 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
         if replaced or not plain:
             continue
         key = f"{table}.{item.name}"
-        names = entry_names(meanings.get(key, ""), len(numbers))
-        for entry, number in enumerate(numbers[: first_of_y.get(item.name)]):
+        entries = entries_of(item)
+        names = entries.names or range(1, len(numbers) + 1)
+        for entry, number in enumerate(numbers[: entries.along_x] if one_axis else numbers):
             low, high = sorted((number / GAIN_SLIDER_FACTOR, number * GAIN_SLIDER_FACTOR))
             label = f"{item.name} {names[entry]}" if several else item.name
             meaning = "" if entry else meanings.get(key, "")
@@ -201,23 +200,6 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
                 Slider(key, entry if several else None, label, "", 1, low, high, 0, meaning)
             )
     return found
-
-
-def entry_names(meaning: str, count: int) -> list[str]:
-    """Names of the entries of a setting as its meaning has them: ``(p0, p1)`` or ``c1 to c4``.
-
-    Args:
-        meaning: The setting's, in a sentence.
-        count: Number of entries; where there are no such names they are numbers from 1.
-    """
-    for listed in re.findall(r"\(([^()]*)\)", meaning):
-        names = listed.split(", ")
-        if len(names) == count and all(map(str.isidentifier, names)):
-            return names
-    for word, first, last in re.findall(r"\b([a-z]+)(\d+) to \1(\d+)\b", meaning):
-        if int(last) - int(first) + 1 == count:
-            return [f"{word}{number}" for number in range(int(first), int(last) + 1)]
-    return [str(number) for number in range(1, count + 1)]
 
 
 Do = Callable[[Event], None]

@@ -18,7 +18,7 @@ from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
-from twin.scenario.load import at_time
+from twin.scenario.changing import at_time
 from twin.scenario.schema import Scenario
 
 

@@ -23,18 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from controllers.arrays import Array, Number
 from controllers.ballplate import BallPlate
 from controllers.catalog import AnswerError, locate_error, wrong_answer
-from controllers.controller import (
-    MEASURED_TIME,
-    Controller,
-    HeldLaw,
-    PerRigLaw,
-    PerRigObserver,
-    PerRigReference,
-    Smith,
-    needed_columns,
-)
+from controllers.controller import MEASURED_TIME, Controller, HeldLaw, needed_columns
 from controllers.interfaces import ControlLaw, DelayedObserver, Law, Observer, Reference
+from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
 from controllers.references import ALONG_X, AlongX
+from controllers.smith import Smith
 from twin.base.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.base.settings import from_changes, from_scenarios, per_rig, settings_of, value_of
 from twin.hal.cams import CamTable, FixedRatio
@@ -42,14 +35,17 @@ from twin.hal.interface import SCREEN_SIZE_M, Limits, Transmission
 from twin.hal.linkage import Linkage, TiltTable, Transmitting
 from twin.hal.rig import Rig
 from twin.scenario import schema
-from twin.scenario.load import at_time, times
+from twin.scenario.changing import at_time, times
+from twin.scenario.rig_tables import PLANT_KINDS
 from twin.scenario.schema import TIME_TOLERANCE_S, Scenario, choices
-from twin.sim import rig as simulated
+from twin.sim.drives import DriveModel
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts, Plant
 from twin.sim.plant.rim import Rim
+from twin.sim.rig import SimulatedDevices, SimulatedRig
 from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.transmission import PerRigTransmission, TransmissionError, WrongTransmission
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -92,13 +88,13 @@ def assumed_transmission(scenario: Scenario) -> Transmission:
 
 def with_calibration_error(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission:
     """A transmission with the errors that the scenarios have of it."""
-    error = from_scenarios(simulated.TransmissionError, scenarios)
-    return simulated.WrongTransmission(known, error) if error.any else known
+    error = from_scenarios(TransmissionError, scenarios)
+    return WrongTransmission(known, error) if error.any else known
 
 
 OF_PLANTS = (Friction, SurfaceModel, Parts)
 """Dataclasses of what plants are made of."""
-OF_DEVICES: tuple[type[Any], ...] = (TouchModel, EncoderModel, simulated.DriveModel)
+OF_DEVICES: tuple[type[Any], ...] = (TouchModel, EncoderModel, DriveModel)
 """Dataclasses of what is wrong with screen, encoders and drives."""
 
 
@@ -190,7 +186,7 @@ def _build_transmission(scenarios: Sequence[Scenario], ratio: Number) -> Transmi
     }
     if len(known) == 1:
         return known[kinds[0]]
-    return simulated.PerRigTransmission([known[kind] for kind in kinds])
+    return PerRigTransmission([known[kind] for kind in kinds])
 
 
 def _cannot_change(plant: Any, *_: Any) -> None:
@@ -256,8 +252,8 @@ PLANTS = {
 def register(name: str, kind: PlantKind) -> None:
     """Let scenarios of this process name a further plant."""
     PLANTS[name] = kind
-    if name not in schema.PLANT_KINDS:
-        schema.PLANT_KINDS.append(name)
+    if name not in PLANT_KINDS:
+        PLANT_KINDS.append(name)
 
 
 @lru_cache(maxsize=8)
@@ -346,7 +342,7 @@ class RigChanges:
 
 
 def change_devices(
-    devices: simulated.SimulatedDevices,
+    devices: SimulatedDevices,
     old: Sequence[Scenario],
     new: Sequence[Scenario],
     *,
@@ -381,20 +377,20 @@ def change_transmission(
         old: The former scenarios, one per rig.
         new: The new scenarios.
     """
-    if differ(old, new, simulated.TransmissionError):
+    if differ(old, new, TransmissionError):
         rig.replace_transmission(with_calibration_error(known, new))
 
 
 def without_error(transmission: Transmission) -> Transmission:
     """Cam transmission that a rig would assume without a calibration error."""
-    if isinstance(transmission, simulated.WrongTransmission):
+    if isinstance(transmission, WrongTransmission):
         return transmission.known
     return transmission
 
 
 def changing(
     rig: Rig,
-    devices: simulated.SimulatedDevices,
+    devices: SimulatedDevices,
     transmission: Transmission,
     scenarios: Sequence[Scenario],
 ) -> RigChanges:
@@ -659,7 +655,7 @@ SHARED_EXACT = (
 class Assembled(NamedTuple):
     """Rigs and the controller to drive them."""
 
-    rig: simulated.SimulatedRig
+    rig: SimulatedRig
     controller: Controller
 
 
@@ -709,7 +705,7 @@ def build_rig(
     anchor: float = Rig.ANCHOR,
     *,
     changeable: bool = False,
-) -> simulated.SimulatedRig:
+) -> SimulatedRig:
     """The rigs of scenarios that agree in what a batch shares, around their plant.
 
     Args:
@@ -720,7 +716,7 @@ def build_rig(
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
         changeable: Whether they may be changed while they run, also where no scenario has changes.
     """
-    rig = simulated.SimulatedRig(
+    rig = SimulatedRig(
         build_devices(scenarios, plant, seeds=seeds),
         transmission=transmission,
         limits=from_scenarios(Limits, scenarios),
@@ -759,7 +755,7 @@ def build_devices(
     seeds: Sequence[np.random.SeedSequence] | None = None,
     touch: TouchModel | None = None,
     encoders: EncoderModel | None = None,
-) -> simulated.SimulatedDevices:
+) -> SimulatedDevices:
     """The scenarios' devices around their plant, the plant started.
 
     Args:
@@ -775,12 +771,12 @@ def build_devices(
     holds = [round(max(s.sensors.noise_hold, s.rig.period) / period) for s in scenarios]
     if seeds is None:
         seeds = [np.random.SeedSequence(s.seed, spawn_key=(0,)) for s in scenarios]
-    return simulated.SimulatedDevices(
+    return SimulatedDevices(
         plant,
         period=period,
         touch=touch or from_scenarios(TouchModel, scenarios),
         encoders=encoders or from_scenarios(EncoderModel, scenarios),
-        drives=from_scenarios(simulated.DriveModel, scenarios),
+        drives=from_scenarios(DriveModel, scenarios),
         hold=holds[0] if len(set(holds)) == 1 else np.array(holds),
         axes=scenarios[0].plant.axes,
         seeds=seeds,

@@ -21,9 +21,10 @@ from twin.base.foreign import decode_text
 from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M
 from twin.hal.supervisor import State
 from twin.run.files import is_record
-from twin.run.finished import Run, judged_as
+from twin.run.finished import Run
 from twin.run.foreign_logs import foreign_table, refuse_foreign
 from twin.run.metrics import Ending, Motion, Outcome
+from twin.run.opened import judged_as
 from twin.run.readers import ForeignTable
 from twin.run.record import CHANNELS, is_number, read_table
 from twin.scenario.schema import Scenario

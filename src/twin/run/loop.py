@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from controllers.catalog import origin
-from controllers.controller import Controller, PerRigReference
+from controllers.controller import Controller
 from controllers.interfaces import Measurement
+from controllers.per_rig import PerRigReference
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.settings import value_of
 from twin.hal.rig import Rig

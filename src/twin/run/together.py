@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from contextlib import suppress
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from controllers.controller import PerRigReference
+from controllers.per_rig import PerRigReference
 from twin.base.errors import LawError, TwinError
 from twin.base.jobs import results
 from twin.run import assemble

@@ -27,7 +27,8 @@ from twin.base.errors import ScenarioError, shorten
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.validation import is_table
 from twin.scenario.load import not_run
-from twin.scenario.schema import CATALOG_TABLES, Choice, Scenario, Section, choices, settings_model
+from twin.scenario.rig_tables import Section
+from twin.scenario.schema import CATALOG_TABLES, Choice, Scenario, choices, settings_model
 
 TYPE_WORDS = {
     "number": "number",

@@ -1,7 +1,6 @@
 """Loads a checked scenario from a name and overrides, or gives one clear line about an error.
 
-Also made of a scenario here: its clean model, its values at a time where it changes while it runs,
-and variants of it with the shortest names that distinguish them.
+Also made of a scenario here: its clean model, and the same cut short.
 """
 
 from __future__ import annotations
@@ -9,14 +8,11 @@ from __future__ import annotations
 import copy
 import itertools
 import json
-import math
 import re
 import tomllib
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import reduce
-from itertools import pairwise
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -24,96 +20,12 @@ from pydantic import BaseModel, ValidationError
 from controllers.catalog import LAWS_FOLDER, broken, describe_incomplete_classes, left_alone
 from twin.base.data_file import MAX_NESTING, DataError, parse_toml
 from twin.base.errors import ScenarioError, list_first, nearest, shorten
-from twin.base.settings import value_of
 from twin.base.shipped import chosen, find, shipped_in
 from twin.base.validation import UNKNOWN_KEY_ERRORS, Model, first_finding, keys_of, read_tables
 from twin.scenario import schema
-from twin.scenario.schema import CATALOG_TABLES, TIME_TOLERANCE_S, Change, Scenario
-
-NONE_AT_ZERO = ("slew_deg", "acceleration_deg", "bandwidth_hz", "resonance_hz")
-"""What of ``plant.servo`` is absent at 0 and the stronger the closer to it: no ramp leads there."""
-
-
-def at_time(scenario: Scenario, time: float) -> Scenario:
-    """The scenario with the values that its plant, drives and sensors have at a time in s."""
-    values: dict[str, Any] = {}
-    for change in sorted(scenario.change, key=lambda each: each.at):
-        passed = time - change.at
-        if passed < -TIME_TOLERANCE_S:
-            break
-        share = passed / change.over if passed < change.over - TIME_TOLERANCE_S else 1.0
-        for key, goal in change.set.items():
-            old = values[key] if key in values else value_of(scenario, key)
-            values[key] = _between(old, _tuples(goal), share)
-    return reduce(lambda model, item: _with(model, *item), values.items(), scenario)
-
-
-def always_friction(scenario: Scenario) -> bool:
-    """Whether the ball of a simulated rig rolls with friction all the time."""
-    key = "plant.friction.rolling_mm"
-    values = [each.set[key] for each in scenario.change if key in each.set]
-    return all(value > 0 for value in (value_of(scenario, key), *values))
-
-
-def times(scenarios: Sequence[Scenario]) -> list[float]:
-    """When something changes in any of some scenarios, s, in order."""
-    every = (time for each in scenarios for change in each.change for time in change.times())
-    return sorted({round(time, 9) for time in every})
-
-
-def problem_of_changes(scenario: Scenario) -> str:
-    """Error of a scenario's changes taken together, in one line; empty if there is none.
-
-    Each of them is known to be possible by itself.
-    """
-    for number, change in enumerate(scenario.change):
-        found = _ramp_problem(scenario, change)
-        if found:
-            return f"change.{number}.set: {found}"
-        if change.at >= scenario.duration:
-            return (
-                f"change.{number}.at: {change.at:g} s is not before the end at duration = "
-                f"{scenario.duration:g} s"
-            )
-    for key in schema.RAMP_KEYS + schema.JUMP_KEYS:
-        its = sorted((c for c in scenario.change if key in c.set), key=lambda each: each.at)
-        for one, other in pairwise(its):
-            if other.at < one.end or other.at == one.at:
-                return (
-                    f"change: {key}: changes again at {other.at:g} s, before what began at "
-                    f"{one.at:g} s is over"
-                )
-    return ""
-
-
-def _ramp_problem(scenario: Scenario, change: Change) -> str:
-    """Why no ramp leads from the old values to the new ones; empty if one does."""
-    before = at_time(scenario, change.at - 2 * TIME_TOLERANCE_S)
-    for key in map("plant.servo.{}".format, NONE_AT_ZERO if change.over else ()):
-        if key in change.set and not (change.set[key] and value_of(before, key)):
-            return f"{key}: 0 stands for none, so no ramp leads there; leave out over"
-    return ""
-
-
-def _between(old: Any, new: Any, share: float) -> Any:
-    """Interpolate between two numbers or tuples of them, at a share of the way."""
-    if share == 1.0:
-        return new
-    if isinstance(old, tuple):
-        return tuple(_between(*pair, share) for pair in zip(old, new, strict=True))
-    return old + share * (new - old)
-
-
-def _tuples(value: Any) -> Any:
-    """Lists as the tuples that a scenario has."""
-    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
-
-
-def _with(model: Any, key: str, value: Any) -> Any:
-    """A table with a new value under a dotted key."""
-    name, _, rest = key.partition(".")
-    inner = _with(getattr(model, name), rest, value) if rest else value
-    return model.model_copy(update={name: inner})
+from twin.scenario.changing import at_time, problem_of_changes
+from twin.scenario.rig_tables import SCENARIO_TABLES, RigLimitsTable, without_ball
+from twin.scenario.schema import CATALOG_TABLES, Scenario
 
 
 def cut_short(scenario: Scenario, duration: float) -> Scenario:
@@ -158,8 +70,7 @@ def clean(scenario: Scenario) -> Scenario:
         "disturbance": {"variance": none},
     }
     tables = {
-        name: schema.SCENARIO_TABLES[name].model_validate(table)
-        for name, table in tables_of.items()
+        name: SCENARIO_TABLES[name].model_validate(table) for name, table in tables_of.items()
     }
     prompt = scenario.without_computing_time
     return prompt.model_copy(
@@ -228,7 +139,8 @@ def _merged(
         merged = _merge_tables(tables, more, settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
-    return _judged_in_time(tables, merged, settings), source
+    merged = _judged_in_time(tables, merged, settings)
+    return _with_real_title(tables, merged, settings), source
 
 
 LAB_RIG_KEYS = {"lab", "student", "told"}
@@ -275,7 +187,7 @@ def _merge_tables(
     merged = put(laid_over(tables, more), settings)
     try:
         limits = (each.get("rig", {}).get("limits", {}) for each in (tables, merged))
-        was, now = (each.get("area", schema.RigLimitsTable().area) for each in limits)
+        was, now = (each.get("area", RigLimitsTable().area) for each in limits)
         axes = [each.get("plant", {}).get("axes", 2) for each in (tables, merged)]
         areas = list(zip(now, was, strict=True))[: axes[1]]
         share = min(1.0, *(new / old for new, old in areas))
@@ -316,18 +228,79 @@ def _shrink_lengths(title: str, lengths: Iterable[Any], share: float) -> str:
     """
     flat = (np.ravel(np.array(each, dtype=object)) for each in lengths)
     known = {
-        round(1000 * abs(each), 6)
-        for each in itertools.chain(*flat)
-        if isinstance(each, int | float)
+        round(abs(each), 9) for each in itertools.chain(*flat) if isinstance(each, int | float)
     }
 
-    def real(match: re.Match[str]) -> str:
-        scale = 1000.0 if match[2] == "m" else 1.0
-        numbers = [round(scale * float(each), 6) for each in match[1].split(",")]
-        return f"{share * numbers[0]:.3g} mm" if {*numbers} <= known else match[0]
+    def real(numbers: tuple[float, ...], unit: str) -> tuple[float, ...]:
+        return (share * numbers[0],) if unit == "m" and {*numbers} <= known else numbers
 
-    changed = re.sub(r"\(?((?:\d+\.?\d*, )?\d+\.?\d*)\)? (mm|m)\b", real, title)
+    changed = _replace_numbers(title, real)
     return changed.replace(" on both axes", "") if changed != title else title
+
+
+def _replace_numbers(
+    title: str, real: Callable[[tuple[float, ...], str], tuple[float, ...]]
+) -> str:
+    """A title with other numbers of its reference in place of the ones that it states.
+
+    Args:
+        title: As ``Circle of 150 mm at 0.75 rad/s`` or ``Step to (150, 150) mm``.
+        real: Called with numbers that it states, one or a pair, and their unit, m or rad/s; returns
+            those that are to stand there.
+    """
+
+    def rewrite(match: re.Match[str]) -> str:
+        scale = 1000 if match[2] == "mm" else 1
+        stated = tuple(round(float(each) / scale, 9) for each in match[1].split(","))
+        unit = "rad/s" if match[2] == "rad/s" else "m"
+        if (now := real(stated, unit)) == stated:
+            return match[0]
+        factor, shown = (1000, "mm") if unit == "m" else (1, unit)
+        text = ", ".join(f"{factor * each:.3g}" for each in now)
+        return f"({text}) {shown}" if len(now) > 1 else f"{text} {shown}"
+
+    return re.sub(r"\(?((?:\d+\.?\d*, )?\d+\.?\d*)\)? (mm|m|rad/s)\b", rewrite, title)
+
+
+def _with_real_title(
+    tables: Mapping[str, Any], merged: Tables, settings: Collection[tuple[str, Any]]
+) -> Tables:
+    """Tables with a title that states the numbers of the reference as settings have them."""
+    given, title = dict(settings), merged.get("title")
+    match tables.get("reference"), merged.get("reference"):
+        case {"kind": old, **before}, {"kind": kind, **after} if (
+            old == kind and isinstance(title, str) and "title" not in given
+        ):
+            cls: Any = schema.choices("reference").get(str(kind))
+        case _:
+            return merged
+    if cls is None:  # the check of the tables reports it
+        return merged
+    quantities = [(name,) for name in after] + ([("x", "y")] if "y" in cls.lengths else [])
+
+    def numbers_of(table: Mapping[Any, Any], names: Sequence[Any]) -> tuple[float, ...]:
+        values = (_as_tuple(table.get(name, getattr(cls, name, None))) for name in names)
+        return tuple(itertools.chain(*values))
+
+    changed = [
+        (numbers_of(before, names), numbers_of(after, names), names[0] in cls.lengths)
+        for names in quantities
+        if "reference" in given or any(f"reference.{name}" in given for name in names)
+    ]
+
+    def real(numbers: tuple[float, ...], unit: str) -> tuple[float, ...]:
+        for was, now, is_length in changed:
+            if numbers == was and now and (unit == "m") == is_length:
+                return now
+        return numbers
+
+    return {**merged, "title": _replace_numbers(title, real)} if changed else merged
+
+
+def _as_tuple(value: Any) -> tuple[float, ...]:
+    """A number or a pair of them; empty for anything else."""
+    numbers = tuple(value) if isinstance(value, list | tuple) else (value,)
+    return numbers if all(isinstance(each, int | float) for each in numbers) else ()
 
 
 def _goes_along_y(table: Mapping[str, Any]) -> bool:
@@ -443,7 +416,7 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
             for other in table.keys() - {"model"}:
                 del table[other]
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
-            schema.without_ball(result["plant"], table["kind"])
+            without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)
     return result
 
@@ -576,142 +549,3 @@ def every_key() -> list[str]:
         for cls in schema.choices(table).values():
             found += [f"{table}.{name}" for name in schema.settings_model(cls).model_fields]
     return list(dict.fromkeys(found))
-
-
-MAX_RANGE_VALUES = 1000
-"""Values that a range may have."""
-
-
-class Combination(NamedTuple):
-    """One combination of values.
-
-    Attributes:
-        settings: Dotted key to value.
-        label: ``KEY=VALUE`` of each, with spaces between.
-        name: The shortest text that tells it from the others, with the last part of each key.
-    """
-
-    settings: tuple[tuple[str, Any], ...] = ()
-    label: str = ""
-    name: str = ""
-
-
-def parse_variations(vary: Sequence[str]) -> dict[str, list[Any]]:
-    """Key to values of each ``KEY=[A, B, ...]`` or ``KEY=A,B,...``.
-
-    A value may be a table, as ``controller=[{kind="afl"}, {kind="lqr", rho=100}]``.
-
-    Raises:
-        ScenarioError: If a text is neither.
-    """
-    return dict(map(_parse_variation, vary))
-
-
-def swept(text: str) -> tuple[str, list[Any]]:
-    """Key and values of ``KEY=FIRST:LAST:NUMBER``, evenly spaced, or ``KEY=[A, B, ...]``.
-
-    Raises:
-        ScenarioError: If the text is neither.
-    """
-    key, equals, values = (part.strip() for part in text.partition("="))
-    form = f"sweep '{text[:200]}': write KEY=FIRST:LAST:NUMBER, as in duration=5:10:6, or KEY=[A,B]"
-    if not key or not equals or not values:
-        raise ScenarioError(form)
-    if values.startswith("["):
-        return _parse_variation(text)
-    parts = values.split(":")
-    try:
-        first, last, number = float(parts[0]), float(parts[1]), int(parts[2])
-    except (ValueError, IndexError):
-        raise ScenarioError(form) from None
-    if len(parts) != 3 or not math.isfinite(first + last) or not 2 <= number <= MAX_RANGE_VALUES:
-        raise ScenarioError(f"{form}; NUMBER: 2 to {MAX_RANGE_VALUES}")
-    spaced = [float(f"{value:.12g}") for value in np.linspace(first, last, number)]
-    whole = "." not in parts[0] + parts[1] and all(value.is_integer() for value in spaced)
-    return key, [int(value) for value in spaced] if whole else spaced
-
-
-def variants(vary: Mapping[str, Sequence[Any]]) -> list[Combination]:
-    """All combinations of the values of some keys; one without any if there is no key."""
-    return [
-        Combination(
-            tuple(pair for item in each for pair in item.settings),
-            " ".join(item.label for item in each),
-            " ".join(item.name for item in each),
-        )
-        for each in itertools.product(*(_values(key, items) for key, items in vary.items()))
-    ]
-
-
-def comparison(what: str, keys: Iterable[str], changed: Sequence[str]) -> str:
-    """The title of a comparison: what ran, over which keys, and what all runs share.
-
-    Args:
-        what: Title of the scenario, or names of several.
-        keys: What is varied.
-        changed: ``KEY=VALUE`` each; one of the title itself is left out.
-    """
-    varied_keys = ", ".join(keys)
-    over = f" over {varied_keys}" if varied_keys else ""
-    shown = [text for text in changed if text.partition("=")[0].strip() != "title"]
-    return f"{what}{over} ({', '.join(shown)})" if shown else f"{what}{over}"
-
-
-def headings(values: Sequence[Any]) -> list[str]:
-    """What to call values of one key: of a table its kind, with its settings if others have it."""
-    kinds = [value.get("kind") if isinstance(value, Mapping) else None for value in values]
-    return [_heading(value, alone=kinds.count(kinds[i]) == 1) for i, value in enumerate(values)]
-
-
-def format_toml_value(value: Any) -> str:
-    """A value as TOML has it in a line; a text without its quotes."""
-    return value.strip() if isinstance(value, str) else inline(value)
-
-
-def _parse_variation(text: str) -> tuple[str, list[Any]]:
-    key, equals, values = text.partition("=")
-    key = key.strip()
-    if not equals or not key or not values:
-        raise ScenarioError(f"vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
-    try:
-        listed: Any = parse_toml(f"values = {values}")["values"]
-    except tomllib.TOMLDecodeError:
-        if values.count("[") != values.count("]"):
-            raise ScenarioError(f"vary '{text[:200]}': brackets must match") from None
-        listed = [setting(f"{key}={item}")[1] for item in values.strip("[]").split(",")]
-    except DataError as error:
-        raise ScenarioError(f"vary '{key[:200]}': {error}") from None
-    setting(f"{key}=0")  # the key is one
-    return key, listed if isinstance(listed, list) else [listed]
-
-
-def _values(key: str, items: Sequence[Any]) -> list[Combination]:
-    leaf = key.rpartition(".")[2]
-    return [
-        Combination(
-            ((key, item),),
-            f"{key}={format_toml_value(item)}",
-            heading if leaf == "kind" or isinstance(item, Mapping) else f"{leaf}={heading}",
-        )
-        for item, heading in zip(items, headings(items), strict=True)
-    ]
-
-
-def _heading(value: Any, *, alone: bool) -> str:
-    if not isinstance(value, Mapping):
-        return format_toml_value(value)
-    settings = [f"{key}={format_toml_value(item)}" for key, item in value.items() if key != "kind"]
-    kind = str(value.get("kind", ""))
-    if kind and alone:
-        return kind
-    return " ".join(filter(None, (kind, ", ".join(settings)))) or "{}"
-
-
-def inline(value: Any) -> str:
-    """A value as TOML has it in a line."""
-    if isinstance(value, Mapping):
-        inner = ", ".join(f"{key}={inline(item)}" for key, item in value.items())
-        return f"{{{inner}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(inline, value))}]"
-    return json.dumps(value, ensure_ascii=False, default=str)

@@ -24,7 +24,8 @@ from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, Found, Role, find_k
 from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own import OwnConfig
 from twin.scenario.load import Tables, validate
-from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Scenario, Section
+from twin.scenario.rig_tables import CAMS_DEG, RigLimitsTable, Section
+from twin.scenario.schema import Scenario
 
 LATE_PERIODS = 25
 LONGEST_PERIOD = 0.02

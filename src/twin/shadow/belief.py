@@ -23,9 +23,10 @@ from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import check, load_recorded, put, read, resolve, setting
 from twin.scenario.schema import Scenario
+from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction
-from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.transmission import TransmissionError
 
 BALL_BELIEFS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
@@ -221,23 +222,39 @@ class Belief:
         return TwinProblem(bowed, self.names, self.model, self.grip)
 
 
-def belief_of(log: Log, overrides: Sequence[str] = ()) -> Belief:
+def belief_of(log: Log, overrides: Sequence[str] = (), factor: float | None = None) -> Belief:
     """The twin of a log: what its run was simulated with or believed, and over that the overrides.
 
     Args:
         log: A run of this program contains its scenario; any other log is taken to be of the rig
             as the project describes it.
         overrides: ``KEY=VALUE`` each; ``parameters=FILE`` among them.
+        factor: Share of gravity that accelerates the ball of a log that is no run; None for the
+            rig's ball.
 
     Raises:
         ScenarioError: If a key or value is wrong, or the log's scenario is of a different version.
+        LogError: If a ball is given for a run, which states its own.
     """
+    if factor is not None:
+        log = log.with_ball(factor)
     tables: Mapping[str, Any] = log.scenario or read("circle")[0]
     tables = {key: value for key, value in tables.items() if key not in {"change", "fault"}}
     source = log.source if log.scenario else "the twin"
     followed = [(key, tables[key]) for key in ("title", "reference") if key in tables]  # as it was
     found = resolve(tables, source, [*followed, *map(setting, overrides)])
-    return Belief.of(load_recorded(*found)[0], log)  # what commands came, not from which law
+    scenario = load_recorded(*found)[0]  # what commands came, not from which law
+    return Belief.of(_with_ball(scenario, factor), log)
+
+
+def _with_ball(scenario: Scenario, factor: float | None) -> Scenario:
+    """The twin of a scenario with a ball that so large a share of gravity accelerates, if given."""
+    if factor is None:
+        return scenario
+    ball = scenario.plant.ball
+    inertia = ball_inertia(ball.mass, ball.radius, factor)
+    tables = put(scenario.model_dump(mode="json"), [("plant.ball.inertia", inertia)])
+    return check(tables, "the twin")
 
 
 MAX_DEAD_TIME_S = 0.1
@@ -259,12 +276,7 @@ def twin_for_log(
         TwinError: If a key or value is wrong, or the log is not of this rig.
     """
     found = resolve(read("circle")[0], "the twin", [setting(text) for text in overrides])
-    scenario = load_recorded(*found)[0]
-    if factor is not None:
-        ball = scenario.plant.ball
-        inertia = ball_inertia(ball.mass, ball.radius, factor)
-        tables = put(scenario.model_dump(mode="json"), [("plant.ball.inertia", inertia)])
-        scenario = check(tables, "the twin")
+    scenario = _with_ball(load_recorded(*found)[0], factor)
     dead_time = scenario.sensors.touch.dead_time
     later = max(0.0, dead_time - MAX_DEAD_TIME_S)
     tables = put(scenario.model_dump(mode="json"), [("sensors.touch.dead_time", dead_time - later)])

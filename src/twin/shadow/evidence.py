@@ -41,7 +41,7 @@ from twin.identify.windows import (
 from twin.run.assemble import parts_of
 from twin.shadow.belief import BALL_BELIEFS, DRIVE_BELIEFS, WATCHED_PARAMETERS, Belief
 from twin.sim.calibration import MECHANISM_STATES, linear_mechanism
-from twin.sim.rig import DriveModel
+from twin.sim.drives import DriveModel
 
 
 @dataclass(frozen=True)

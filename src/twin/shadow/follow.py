@@ -31,16 +31,9 @@ from twin.identify.windows import Windows, unknown_motion
 from twin.run.logs import NEEDED_COLUMNS
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import (
-    CHANGE_TEST,
-    Alarm,
-    SequentialTests,
-    baseline,
-    onset,
-    resolution,
-    weigh,
-)
+from twin.shadow.alarms import CHANGE_TEST, SequentialTests, baseline, onset, resolution
 from twin.shadow.belief import BALL_BELIEFS, OPEN_STD, WATCHED_PARAMETERS, Belief
+from twin.shadow.causes import Alarm, weigh
 from twin.shadow.evidence import (
     NO_EVIDENCE,
     PLAY_WIDTHS_RAD,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.settings import settings_of
 from twin.identify.any_rig import AxisIdentification, identify_axes
@@ -96,6 +97,43 @@ class Reference:
         }
 
 
+def _gravity_shares(found: AxisIdentification) -> Array:
+    """Share of gravity that accelerates the ball along each axis with an identified gain."""
+    gains = [
+        each.value
+        for each in found.verdicts
+        if each.name.startswith("gain_") and each.word == IDENTIFIED_VERDICT and each.value
+    ]
+    return np.abs(gains) / found.ball.gravity
+
+
+def _balls_with(shares: Array) -> list[tuple[str, float]]:
+    """The balls, by name and share of gravity, that some shares can be of."""
+    return [
+        (name, factor)
+        for name, factor in GRAVITY_SHARES.items()
+        if np.all(np.abs(shares / factor - 1) <= MAX_GAIN_ERROR)
+    ]
+
+
+def _with_doubted_ball(found: AxisIdentification) -> AxisIdentification:
+    """What was identified with a stated ball, with a note where its gains are those of another.
+
+    The ball stays as it is stated: a plate that tilts further than commanded shows the same gains.
+    """
+    shares = _gravity_shares(found)
+    near = _balls_with(shares) if len(shares) else []
+    if len(near) != 1 or np.any(np.abs(shares / found.factor - 1) <= MAX_GAIN_ERROR):
+        return found
+    ((name, factor),) = near
+    note = (
+        f"the gain is that of a {name} ball, {factor:.2g} of gravity, not of the stated "
+        f"{found.factor:.2g}: --ball {name}, or the plate tilts {shares.mean() / found.factor:.2g} "
+        "times as far as commanded"
+    )
+    return replace(found, notes=(*found.notes, note))
+
+
 def _with_shown_ball(found: AxisIdentification) -> AxisIdentification:
     """What was identified, with the only ball that its gains can be of: hollow or solid.
 
@@ -103,19 +141,10 @@ def _with_shown_ball(found: AxisIdentification) -> AxisIdentification:
     is what is written; a ball that is not the rig's makes a different twin all the same, where the
     product is beyond what a scenario takes as an error of the tilt.
     """
-    gains = [
-        each.value
-        for each in found.verdicts
-        if each.name.startswith("gain_") and each.word == IDENTIFIED_VERDICT and each.value
-    ]
-    if not gains:
+    shares = _gravity_shares(found)
+    if not len(shares):
         return found
-    shown = np.abs(gains) / found.ball.gravity
-    near = [
-        (name, factor)
-        for name, factor in GRAVITY_SHARES.items()
-        if np.all(np.abs(shown / factor - 1) <= MAX_GAIN_ERROR)
-    ]
+    near = _balls_with(shares)
     if len(near) != 1:
         note = "the gain is neither that of a solid nor that of a hollow ball; give --ball"
         return replace(found, notes=(*found.notes, note))
@@ -194,12 +223,12 @@ def learn_reference(
         folder: Where the report of the identification and its parameters go.
         on: Rig, or file of parameters, that what is found is to lie over; empty for the rig of the
             log's run.
-        ball: Of a log of any rig: hollow, solid, or the share of gravity that accelerates it; None
-            for that of ``on``, or without it for the one that the log shows.
+        ball: Of a log that is no run: hollow, solid, or the share of gravity that accelerates it;
+            None for that of ``on``, or of a log of any rig without it for the one that it shows.
         progress: Called with the share of the work done.
 
     Raises:
-        LogError: If nothing can be learned from the log.
+        LogError: If nothing can be learned from the log, or a ball is given for a run.
         ScenarioError: If there is no such rig.
         RecordError: If a file cannot be written.
     """
@@ -210,6 +239,8 @@ def learn_reference(
         if not recorded.scenario:
             ends = find_ends(recorded)
             recorded = replace(recorded, walls=recorded.walls.narrowed(ends))
+        if ball is not None:
+            recorded = recorded.with_ball(ball_factor(ball))
         found = identify_twin(recorded, DEFAULT_PARAMETERS, FITTED_SHARE, progress)
     else:
         found = identify_axes(
@@ -221,7 +252,8 @@ def learn_reference(
         )
         ends = find_ends(recorded.axes)
         if not on and _is_known(found):
-            shown = _with_shown_lever(_with_shown_ball(found) if ball is None else found)
+            shown = _with_shown_ball(found) if ball is None else _with_doubted_ball(found)
+            shown = _with_shown_lever(shown)
             found, assumed = shown, shown.notes[len(found.notes) :]
     if on:
         found = replace(found, on=on)
@@ -269,8 +301,8 @@ def examine_by_reference(
             parameters, that what is identified is to lie over.
         columns: Of logs of any rig, as ``identify`` takes them.
         separator: Between these.
-        ball: Of such logs: hollow, solid, or the share of gravity that accelerates it; None for
-            that of the stated rig, or without one for the one that the reference shows.
+        ball: Of logs that are no runs: hollow, solid, or the share of gravity that accelerates it;
+            None for that of the stated rig, or without one for the one that the reference shows.
         stage: Shows a stage of the work by its name while it lasts; gives what is called with the
             share of it that is done.
 

@@ -24,7 +24,7 @@ from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import RUN_COLOURS, styled_figure
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import Alarm, resolution
+from twin.shadow.alarms import resolution
 from twin.shadow.belief import (
     BELIEF_TABLES,
     CAUSE_SIZES,
@@ -33,6 +33,7 @@ from twin.shadow.belief import (
     check_commands,
     twin_for_log,
 )
+from twin.shadow.causes import Alarm
 from twin.shadow.follow import DIAGNOSIS_S, LEARNING_S, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
 from twin.sim.plant.rim import Ends
@@ -198,18 +199,20 @@ def sentences(found: Shadow) -> list[str]:
     words = []
     if found.verdict == "healthy":
         words.append(
-            f"Healthy as far as the log shows: in the {moved_s:.0f} of {length:.0f} s in which the "
-            "ball moved, nothing but the twin is needed to explain it."
+            f"Healthy as far as the log shows: in {moved_s:.0f} of its {length:.0f} usable seconds "
+            "the ball moved, and nothing but the twin is needed to explain it."
         )
     elif found.verdict == "cannot tell" and len(found.gaps):
         words.append(
-            f"Cannot tell: gaps cut the log up, and only {moved_s:.0f} of {length:.0f} s are long "
-            "enough without one and have a ball that moves. That is no sign of health."
+            f"Cannot tell: gaps cut the log up, and only {moved_s:.0f} of its {length:.0f} usable "
+            "seconds are long enough without one and have a ball that moves. That is no sign of "
+            "health."
         )
     elif found.verdict == "cannot tell":
         words.append(
-            f"Cannot tell: the ball moved for {moved_s:.0f} of {length:.0f} s, and a ball at rest "
-            "shows neither friction nor level nor dead time. That is no sign of health."
+            f"Cannot tell: the ball moved for {moved_s:.0f} of the log's {length:.0f} usable "
+            "seconds, and a ball at rest shows neither friction nor level nor dead time. That is "
+            "no sign of health."
         )
     if found.verdict == "healthy":
         words += indistinguishable(found)
@@ -328,11 +331,13 @@ def make_twin(
     """A log as its twin sees it, and that twin; arguments as of ``examine``.
 
     Raises:
-        TwinError: If an override is wrong, or the log is not of this rig.
+        TwinError: If an override is wrong, the log is not of this rig, or is a run and a ball is
+            given.
     """
+    factor = None if ball is None else ball_factor(ball)
     if isinstance(logged, Log):
-        return logged, belief_of(logged, overrides)
-    return twin_for_log(logged, overrides, None if ball is None else ball_factor(ball))
+        return logged, belief_of(logged, overrides, factor)
+    return twin_for_log(logged, overrides, factor)
 
 
 def examine(
@@ -353,8 +358,8 @@ def examine(
         overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
         columns: Of a log of any rig, as ``identify`` takes them.
         separator: Between these.
-        ball: Of such a log: hollow, solid, or the share of gravity that accelerates it; None for
-            that of the overrides' rig.
+        ball: Of a log that is no run: hollow, solid, or the share of gravity that accelerates it;
+            None for that of the overrides' rig.
         learning: Whether the twin learns what is not known of the rig before it evaluates; it does
             of one given by identified parameters, and on a log of any rig.
 
@@ -380,7 +385,7 @@ def examine_log(
         logged: The log.
         folder: As of ``examine``, like the overrides, the ball and learning.
         overrides: ``KEY=VALUE`` each.
-        ball: Of a log of any rig.
+        ball: Of a log that is no run.
         learning: Whether the twin learns before it evaluates.
         ends: Where end stops or rims stop the ball along x and y, m, as another log shows them; a
             log that is no run may show more.

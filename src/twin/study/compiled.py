@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.followers import PARTS
+from twin.base.followers import FOLLOWER_LABELS
 from twin.base.parts import extra
 from twin.base.programs import find_c_compiler, find_error_line
+from twin.board.program import CONTROLLER_NAME
 from twin.fmu.export import (
     RIG_SOURCES,
     add_token,
@@ -31,18 +32,18 @@ from twin.fmu.export import (
     first_values,
     frame_phase,
     read_sources,
+    surface_of,
     variables,
 )
-from twin.run.assemble import build_friction, build_reference, control_of, own_errors
+from twin.run.assemble import build_reference, control_of, own_errors
 from twin.run.metrics import Ending, Motion, Outcome, measure
-from twin.scenario.schema import Scenario, changed_in_vain, left_out
+from twin.scenario.rig_tables import left_out
+from twin.scenario.schema import Scenario, changed_in_vain
 from twin.study.work import Job, Row, carry_out, controller_key, metrics_row, refusal, refused_row
 
-NAME = "controller"
-"""What the names of the controller's C source begin with."""
 LANES = 4
 """Rigs that are simulated side by side: so many numbers a processor calculates at once."""
-FLAGS = (
+LOOP_FLAGS = (
     *("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden"),
     *("-fno-math-errno", "-fno-trapping-math", "-fopenmp-simd", f"-DLANES={LANES}"),
 )
@@ -72,13 +73,7 @@ def find_unknown(scenario: Scenario) -> Iterator[str]:
     if scenario.sensors.ideal:
         yield "sensors.ideal: engine = c measures as a real rig does"
     for key in changed_in_vain(scenario, UNFOLLOWED):
-        yield f"{key}: {PARTS['source']} {UNFOLLOWED[key]}"
-
-
-def surface_of(scenario: Scenario) -> Array | None:
-    """Relative friction and slope along x and y over the screen, (n, m, 3); None if it is even."""
-    friction = build_friction([scenario])
-    return None if friction is None or friction.map is None else friction.map.grids[0]
+        yield f"{key}: {FOLLOWER_LABELS['source']} {UNFOLLOWED[key]}"
 
 
 def draw_noise(scenario: Scenario, count: int) -> list[Array | None]:
@@ -232,7 +227,7 @@ def compile_runs(scenario: Scenario, surface: Array | None, folder: Path) -> Pat
     compiler = find_c_compiler()
     if compiler is None:
         raise TwinError("engine: c needs a C compiler (cc, gcc or clang); none is installed")
-    parts = controller_parts(NAME, control_of(scenario), "double")
+    parts = controller_parts(CONTROLLER_NAME, control_of(scenario), "double")
     fixed = c_source(scenario, surface, None)
     rig, _ = add_token(read_sources(*RIG_SOURCES) | fixed, variables(scenario, 0.0))
     texts = {
@@ -246,7 +241,7 @@ def compile_runs(scenario: Scenario, surface: Array | None, folder: Path) -> Pat
     library = folder / "runs.so"
     files = [name for name in texts if name.endswith(".c")]
     done = subprocess.run(
-        [compiler, *FLAGS, "-o", library.name, *files, "-lm"],
+        [compiler, *LOOP_FLAGS, "-o", library.name, *files, "-lm"],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -286,14 +281,13 @@ def knows(scenarios: Iterable[Scenario]) -> bool:
     """
     if find_c_compiler() is None:
         return False
-    controllers: dict[str, Scenario] = {}
-    for scenario in scenarios:
-        controllers.setdefault(controller_key(scenario), scenario)
-        if any(find_unknown(scenario)) or len(controllers) > MOST_CONTROLLERS:
-            return False
+    check = KnownCheck()
     try:
-        for scenario in controllers.values():
-            check_controller(scenario)
+        for scenario in scenarios:
+            check(scenario)
+            if check.more:
+                return False
+        check.check_controllers()
     except TwinError:
         return False
     return True
@@ -312,27 +306,40 @@ def check_known(scenario: Scenario) -> None:
 class KnownCheck:
     """Makes sure, before any of some runs begins, that the compiled loop knows all of each.
 
-    What of a rig the loop does not know is looked for in every run. Whether a controller has a form
-    in C takes longer and is asked once of each, of the first ``MOST_CONTROLLERS``; the others are
-    asked when they are compiled. A controller that cannot be built is left to the run.
+    It is called with every run, and then asked once for the controllers: whether one has a form in
+    C takes longer and is asked of the first ``MOST_CONTROLLERS``; the others are asked when they
+    are compiled. A controller that cannot be built is left to the run.
+
+    Attributes:
+        more: Whether there are more than ``MOST_CONTROLLERS`` controllers.
     """
 
     def __init__(self) -> None:
-        self._controllers = set[str]()
+        self.more = False
+        self._controllers = dict[str, Scenario]()
 
     def __call__(self, scenario: Scenario) -> None:
-        """Check the scenario of a run.
+        """Check the scenario of a run, but for its controller.
 
         Raises:
-            TwinError: If the loop does not know something: what, in a line.
+            ScenarioError: If the loop does not know something: what, in a line.
         """
         check_known(scenario)
         controller = controller_key(scenario)
-        if controller in self._controllers or len(self._controllers) == MOST_CONTROLLERS:
-            return
-        self._controllers.add(controller)
-        if refusal(scenario) is None:
-            check_controller(scenario)
+        if controller not in self._controllers:
+            self.more = len(self._controllers) == MOST_CONTROLLERS
+            if not self.more:
+                self._controllers[controller] = scenario
+
+    def check_controllers(self) -> None:
+        """Check the controllers of the runs.
+
+        Raises:
+            TwinError: If one has no form in C, or what writes it is not installed.
+        """
+        for scenario in self._controllers.values():
+            if refusal(scenario) is None:
+                check_controller(scenario)
 
 
 def check_controller(scenario: Scenario) -> None:
@@ -344,7 +351,7 @@ def check_controller(scenario: Scenario) -> None:
     with extra("casadi", "engine = c"):
         from twin.board.source import controller_parts  # noqa: PLC0415  heavy
     with own_errors():
-        controller_parts(NAME, control_of(scenario), "double")
+        controller_parts(CONTROLLER_NAME, control_of(scenario), "double")
 
 
 def carry_out_compiled(jobs: Sequence[Job]) -> list[Row]:

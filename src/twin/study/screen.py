@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError
 from twin.run.tables import INDICATOR_LABELS
-from twin.scenario.schema import LEFT_OUT
+from twin.scenario.rig_tables import LEFT_OUT
 from twin.study.experiments import label_rows
 from twin.study.fidelity import (
     Estimate,
@@ -47,11 +47,13 @@ CHECKED_POINTS = 5
 MIN_TAIL_POINTS = 20
 """Fewest points on the mechanism on either side of a quantile: with 10 its intervals hold the truth
 in 93 %, with fewer in less."""
-SHARES = {"5 %": 0.05, "median": 0.5, "95 %": 0.95}
+QUANTILE_SHARES = {"5 %": 0.05, "median": 0.5, "95 %": 0.95}
 """Quantiles that are estimated, by name."""
 
 Carry = Callable[[Work], pa.Table]
 """Finishes the runs of a work; their rows in the order of its tasks."""
+End = tuple[str, str, int]
+"""Variant, which end, ``worst`` or ``best``, and place among the further points."""
 
 
 class Bias(NamedTuple):
@@ -204,7 +206,7 @@ class Screen:
         study, paired, wide = self.work.study, carry(self.paired), carry(self.wide)
         metric, values = study.metrics[0], dict[str, tuple[Array, Array, Array]]()
         biases, joined, notes = list[Bias](), list[Joined](), list[str]()
-        ends = list[tuple[str, str, int]]()
+        ends = list[End]()
         for variant in (each.name for each in study.compared):
             every = [
                 _by_point(work, part, variant, metric)
@@ -222,10 +224,11 @@ class Screen:
             name = f"{one} minus {other}"
             if not _differing_failures(name, *difference[:2]):
                 joined += self._means(name, (difference[0], difference[1], difference[2]))
-        ended = self._work_of_ends(ends)
+        places = sorted({place for _, _, place in ends})
+        ended = self._work_of_ends(ends, places)
         rows_of_ends = carry(ended)
         exact = {name: each[2] for name, each in values.items()}
-        checked = self._checked(ends, exact, ended, rows_of_ends)
+        checked = self._checked(ends, places, exact, ended, rows_of_ends)
         parts = {
             "paired": (self.paired, paired),
             "wide": (self.wide, wide),
@@ -288,7 +291,7 @@ class Screen:
         if wide_good.any():
             points = Points(own[at][good], units[good])
             others = Points(wide[wide_at][wide_good], wide_units[wide_good])
-            for statistic, share in SHARES.items():
+            for statistic, share in QUANTILE_SHARES.items():
                 if min(share, 1 - share) * good.sum() < MIN_TAIL_POINTS:
                     continue
                 alone = estimate_quantile(share, points)
@@ -324,9 +327,8 @@ class Screen:
             others = Points(parts[2][:, k], wide_units)
             yield Joined(name, key, estimate_mean(points), combine(points, parts[1][:, k], others))
 
-    def _work_of_ends(self, ends: Sequence[tuple[str, str, int]]) -> Work:
-        """The runs of the points at the ends on the mechanism."""
-        places = sorted({place for _, _, place in ends})
+    def _work_of_ends(self, ends: Sequence[End], places: list[int]) -> Work:
+        """The runs of the points at the ends on the mechanism; arguments as of ``_checked``."""
         work = Work(self.work.study, design=self.wide.design[places])
         wanted = {(variant, places.index(place)) for variant, _, place in ends}
         work.tasks = [task for task in work.tasks if (task.variant, task.point) in wanted]
@@ -334,7 +336,8 @@ class Screen:
 
     def _checked(
         self,
-        ends: Sequence[tuple[str, str, int]],
+        ends: Sequence[End],
+        places: list[int],
         exact: Mapping[str, Array],
         work: Work,
         rows: pa.Table,
@@ -342,12 +345,12 @@ class Screen:
         """The points at the ends, on the mechanism.
 
         Args:
-            ends: Variant, which end, and place of each among the further points.
+            ends: The ends of all variants.
+            places: Places of their points, each once, in order.
             exact: Values on the exact equations by variant.
             work: Their runs on the mechanism.
             rows: Of these.
         """
-        places = sorted({place for _, _, place in ends})
         values = np.where(
             _finished(rows), np.array(rows[self.work.study.metrics[0]], float), np.nan
         )
@@ -390,7 +393,7 @@ def _differing_failures(name: str, own: Array, paired: Array) -> str:
     )
 
 
-def _ends(variant: str, values: Array) -> Iterator[tuple[str, str, int]]:
+def _ends(variant: str, values: Array) -> Iterator[End]:
     """The worst points, failed ones first, and the best; each value once."""
     order = np.argsort(np.nan_to_num(values, nan=math.inf), kind="stable")
     _, first = np.unique(values[order], return_index=True, equal_nan=False)

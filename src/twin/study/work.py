@@ -501,5 +501,5 @@ def sources() -> list[Path]:
 
 RUN_MODULES = ("assemble", "loop", "metrics", "record")
 """Modules of the room ``run`` that a run of a study executes."""
-SCENARIO_MODULES = ("load", "schema")
+SCENARIO_MODULES = ("changing", "load", "rig_tables", "schema")
 """The same of the room ``scenario``."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.references import Circle
 from twin.base.data_file import read_packaged
 from twin.base.errors import LawError, ModelError, ScenarioError
 from twin.base.followers import DEFAULT, SHAPE
@@ -23,7 +24,8 @@ from twin.run.assemble import linkage_of
 from twin.run.finished import Run
 from twin.run.metrics import Ending
 from twin.run.together import run_together, work_in_batches
-from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
+from twin.scenario.rig_tables import CAMS_ONLY, LEFT_OUT, REGISTER
+from twin.scenario.schema import Scenario
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""
@@ -178,25 +180,25 @@ class Explanation:
         """Whether errors are given as e_tt in %, else as root mean squares in mm."""
         return self.whole.percent is not None
 
-    @property
-    def too_short(self) -> str:
-        """Why the shares mean nothing yet, and from when on they do; empty if they do."""
-        evaluated, least = self.scenario.duration - self.scenario.metrics.start, MIN_EVALUATED_S
-        along: Any = self.scenario.reference
-        if along.kind == "circle":
-            least = max(least, 2 * np.pi / abs(along.omega))  # once round
-        if evaluated >= least:
-            return ""
-        begin = self.scenario.metrics.start
-        return (
-            f"too short to evaluate: {evaluated:.3g} s, from metrics.start = {begin:.3g} s on; "
-            f"shares need at least {least:.3g} s, so a longer duration"
-        )
-
     def size(self, case: EffectCase) -> float:
         """The error of a case in % or mm; NaN for a run cut short."""
         value, factor = (case.percent, 1) if self.in_percent else (case.rms, 1000)
         return np.nan if value is None else factor * value
+
+
+def describe_short_run(scenario: Scenario) -> str:
+    """Why shares of a scenario's error mean nothing yet; empty if it is long enough for them."""
+    begin, least = scenario.metrics.start, MIN_EVALUATED_S
+    evaluated = scenario.duration - begin
+    omega = scenario.reference.settings.get("omega", Circle.omega)
+    if scenario.reference.kind == Circle.name and omega:
+        least = max(least, 2 * np.pi / abs(omega))  # once round
+    if evaluated >= least:
+        return ""
+    return (
+        f"too short to evaluate: {evaluated:.3g} s, from metrics.start = {begin:.3g} s on; "
+        f"shares need at least {least:.3g} s, so a longer duration"
+    )
 
 
 def plan(scenario: Scenario) -> dict[str, Scenario]:
@@ -325,7 +327,7 @@ def summary(explanation: Explanation) -> dict[str, Any]:
         "none": numbers(explanation.none),
         "share_left_with_none": explanation.base,
         "share_not_additive": explanation.rest,
-        "too_short": explanation.too_short,
+        "too_short": describe_short_run(explanation.scenario),
         "effects": {
             each.effect.name: {
                 "label": each.effect.label,
