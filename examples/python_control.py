@@ -18,6 +18,7 @@ print(control.step_info(loop["x", "reference_x"]))
 
 # %% Margins and root locus of axis x: the loop gain cut at the plate acceleration
 axis = ["x", "x_rate", "phi", "phi_rate"]
+# Of a sampled system model_reduction loses the sampling time: see findings/.
 along = control.model_reduction(
     plant, keep_states=axis, keep_inputs=["phi_acc"], keep_outputs=axis, method="truncate",
     warn_unstable=False,
