@@ -933,9 +933,13 @@ def _clean_log(
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     if len(back):
         notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
-    if (~kept).any():
-        notes.append(f"{int((~kept).sum())} rows of a time that does not rise left out")
-    columns = {role: values[there][kept] for role, values in columns.items()}
+    columns = {role: values[there] for role, values in columns.items()}
+    joined = _join_rows_of_one_time(time, kept, columns)
+    if joined:
+        notes.append(f"{joined} rows joined with the one before them, which is of the same time")
+    if (left := int((~kept).sum()) - joined) > 0:
+        notes.append(f"{left} rows of a time that does not rise left out")
+    columns = {role: values[kept] for role, values in columns.items()}
     time = time[kept]
     balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
     ball = np.stack(balls, axis=-1)
@@ -994,6 +998,27 @@ def _clean_log(
         axes[axis] = AxisLog(time[known], columns[role][known], held, at, place, *across)
         tilts[axis] = units[role]
     return AnyLog(source, axes, tilts, tuple(notes))
+
+
+def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -> int:
+    """Fill the empty cells of rows from later rows of the same time, in place; how many of these.
+
+    Programs write what they measure and what they command as rows of their own.
+
+    Args:
+        time: Of the rows, s, shape (K,).
+        kept: Rows whose time is later than all before, shape (K,).
+        columns: Role to values, shape (K,) each.
+    """
+    first = np.flatnonzero(kept)[np.cumsum(kept) - 1]
+    again = np.flatnonzero(~kept & (time == time[first]))
+    used = np.zeros(len(time), bool)
+    for values in columns.values():
+        fills = again[np.isfinite(values[again]) & ~np.isfinite(values[first[again]])]
+        fills = fills[np.unique(first[fills], return_index=True)[1]]  # of several the earliest
+        values[first[fills]] = values[fills]
+        used[fills] = True
+    return int(used.sum())
 
 
 def _speed(time: Array, place: Array) -> Array:
