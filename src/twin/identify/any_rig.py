@@ -554,14 +554,16 @@ def join_logs(
         across = each.across + np.array([[shift], [0.0]])
         begun = [start - selection.pause_between_logs_s / 2] if shifted else []
         recordings.append(np.append(begun, each.recordings + shift))
-        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
+        own = (each.time + shift, each.tilt, each.sampled + shift, each.ball, across)
+        shifted.append((*own, *each.added))
         start = float(each.time[-1]) + shift + selection.pause_between_logs_s
     parts = zip(*shifted, strict=True)
-    time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
+    time, tilt, sampled, ball, across, *added = (np.concatenate(part, axis=-1) for part in parts)
     return AxisLog(
         *(time, tilt, logs[0].held, sampled, ball, across),
         lever=lever,
         recordings=np.concatenate(recordings),
+        added=tuple(added),
     )
 
 
@@ -731,7 +733,8 @@ def _take_middle(fit: AxisFit, selection: AxisSelection) -> AxisFit:
         return fit
     begin, end = (begin + end - longest) / 2, (begin + end + longest) / 2
     sent = (log.time > begin - selection.pause_between_logs_s) & (log.time < end + 1.0)
-    part = replace(log.between(begin, end), time=log.time[sent], tilt=log.tilt[sent])
+    part, added = log.between(begin, end), tuple(each[sent] for each in log.added)
+    part = replace(part, time=log.time[sent], tilt=log.tilt[sent], added=added)
     tilt = TiltHistory(part, fit.problem.tilt.scale)
     return replace(fit, log=part, problem=replace(fit.problem, tilt=tilt))
 

@@ -328,6 +328,7 @@ class AxisLog:
         stops: Its end stops; None without any.
         recordings: When each recording after the first begins where several are joined, s, rising,
             shape (R - 1,); their clocks may differ by an offset each.
+        added: Tilts that were added to the tilt, each by as much as the log itself shows, (K,).
     """
 
     time: Array
@@ -339,6 +340,7 @@ class AxisLog:
     lever: float | None = field(default=None, kw_only=True)
     stops: EndStops | None = field(default=None, kw_only=True)
     recordings: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)
+    added: tuple[Array, ...] = field(default=(), kw_only=True)
 
     @property
     def touching(self) -> Mask:
