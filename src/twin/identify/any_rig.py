@@ -32,12 +32,12 @@ from twin.identify.plain_model import (
     cross_validate,
     find_significance,
     fit_axis,
-    predict_axis,
     prediction_times,
     profile_drives,
     refit_for_prediction,
 )
 from twin.identify.predictor import (
+    AxisPredictor,
     choose_lead,
     choose_predictor,
     describe_five_numbers,
@@ -362,7 +362,7 @@ def _fit_axes(
     names: tuple[str, ...],
     selection: AxisSelection,
     progress: Callable[[float, str], None],
-) -> tuple[dict[str, AxisFit], list[ParameterVerdict], list[str], list[str]]:
+) -> tuple[dict[str, AxisPredictor], list[ParameterVerdict], list[str], list[str]]:
     """Fit the plain model to each axis by itself.
 
     Args:
@@ -375,10 +375,10 @@ def _fit_axes(
         progress: Called with the share of the work done and the name of the next step.
 
     Returns:
-        The fits by axis that predict best, without an axis that cannot be fitted; the verdicts of
-        the parameters of all axes; a reason for each axis without a full fit; notes for the report.
+        What predicts best by axis, without an axis that cannot be fitted; the verdicts of the
+        parameters of all axes; a reason for each axis without a full fit; notes for the report.
     """
-    fits: dict[str, AxisFit] = {}
+    fits: dict[str, AxisPredictor] = {}
     found: list[ParameterVerdict] = []
     reasons, notes = list[str](), list[str]()
     for k, (axis, log) in enumerate(logs.items()):
@@ -405,8 +405,9 @@ def _fit_axes(
             notes += plain_notes
             with suppress(LogError):
                 _check_excited(log)
-                fits[axis] = choose_lead(fit_five_numbers(log, DELAYS_S[log.held], looks[axis]))
-                five = describe_five_numbers(fits[axis])
+                plain = fit_five_numbers(log, DELAYS_S[log.held], looks[axis])
+                fits[axis] = choose_lead(AxisPredictor((plain,)))
+                five = describe_five_numbers(plain)
                 notes.append(f"{axis}: predictions are those of {five}")
             continue
         notes += [f"{axis}: {each}" for each in about]
@@ -423,14 +424,14 @@ def _fit_axes(
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
     notes += [
-        f"{axis}: a prediction starts from {1000 * fit.how.hold_out.lead_s:.0f} ms of positions"
+        f"{axis}: a prediction starts from {1000 * fit.lead_s:.0f} ms of positions"
         for axis, fit in fits.items()
     ]
     return fits, found, reasons, notes
 
 
 def _predict_held_out(
-    fits: Mapping[str, AxisFit],
+    fits: Mapping[str, AxisPredictor],
     others: Sequence[Mapping[str, AxisLog]],
     levers: Mapping[str, float],
     selection: AxisSelection,
@@ -446,7 +447,7 @@ def _predict_held_out(
     at = prediction_times(next(iter(unseen.values())), selection.fitting)
     if not len(at):
         return {}
-    return {axis: predict_axis(log, fits[axis], at) for axis, log in unseen.items()}
+    return {axis: fits[axis].predict(log, at) for axis, log in unseen.items()}
 
 
 def _describe_work(logs: Mapping[str, AxisLog], source: str) -> str:

@@ -729,6 +729,11 @@ class AxisFit(Fit[AxisProblem]):
         """Length of its windows in s."""
         return self.problem.longest - SAMPLE_BIN_S
 
+    def with_lead(self, lead_s: float) -> AxisFit:
+        """This fit, with predictions that start from so many seconds of samples."""
+        hold_out = replace(self.how.hold_out, lead_s=lead_s)
+        return replace(self, how=replace(self.how, hold_out=hold_out))
+
     @property
     def by_unknowns(self) -> Array:
         """Slopes of the residuals by the shares of what was added to the tilt, shape (W, M, C)."""
