@@ -926,23 +926,8 @@ def _clean_log(
     Raises:
         LogError: If too little is left.
     """
+    columns = _keep_rising_rows(columns, notes)
     time = columns["time"]
-    there = np.isfinite(time)
-    time = time[there] - time[there][:1]
-    back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
-    for row in back:  # a clock that begins anew: a new part, after a gap
-        time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
-    kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
-    if len(back):
-        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
-    columns = {role: values[there] for role, values in columns.items()}
-    joined = _join_rows_of_one_time(time, kept, columns)
-    if joined:
-        notes.append(f"{joined} rows joined with the one before them, which is of the same time")
-    if (left := int((~kept).sum()) - joined) > 0:
-        notes.append(f"{left} rows of a time that does not rise left out")
-    columns = {role: values[kept] for role, values in columns.items()}
-    time = time[kept]
     balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
     ball = np.stack(balls, axis=-1)
     # of columns with times of their own two may be as close as it happens
@@ -1000,6 +985,30 @@ def _clean_log(
         axes[axis] = AxisLog(time[known], columns[role][known], held, at, place, *across)
         tilts[axis] = units[role]
     return AnyLog(source, axes, tilts, tuple(notes))
+
+
+def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[str, Array]:
+    """Columns with the rows whose time is later than all before, from zero on.
+
+    Args:
+        columns: Role to values, shape (K,) each.
+        notes: Of the log, to which is added what was done.
+    """
+    there = np.isfinite(columns["time"])
+    columns = {role: values[there] for role, values in columns.items()}
+    time = columns["time"] - columns["time"][:1]
+    back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
+    for row in back:  # a clock that begins anew: a new part, after a gap
+        time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
+    if len(back):
+        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
+    kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
+    joined = _join_rows_of_one_time(time, kept, columns)
+    if joined:
+        notes.append(f"{joined} rows joined with the one before them, which is of the same time")
+    if (left := int((~kept).sum()) - joined) > 0:
+        notes.append(f"{left} rows of a time that does not rise left out")
+    return {role: values[kept] for role, values in (columns | {"time": time}).items()}
 
 
 def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -> int:
