@@ -129,12 +129,18 @@ def test_a_model_that_shows_no_gain_is_not_kept_for_its_predictions(monkeypatch,
     assert "leaves the gain open" in note
 
 
-def test_a_model_that_explains_its_log_is_kept(monkeypatch):
-    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: pytest.fail("compared"))
-    given = SimpleNamespace(windowed=None, explained=True)
-    found, note = choose_predictor(given)
-    assert found.fits == (given,)
-    assert not note
+def test_a_model_that_explains_its_log_is_compared_as_well(monkeypatch, plain):
+    compared = [errors_of(5e-3, 1), errors_of(5e-3, 1)]
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: (compared, AT))
+    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
+    given = SimpleNamespace(windowed=None, explained=True, log=None)
+    assert choose_predictor(given)[0].fits == (given, plain)
+
+
+def test_noise_of_a_log_that_is_explained_is_no_model_error(monkeypatch, plain):
+    monkeypatch.setattr(plain_model, "_median_error", lambda *_, **__: 0.01)
+    assert plain.explained
+    assert plain_model.refit_for_prediction(plain, 2.5) is plain
 
 
 def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):

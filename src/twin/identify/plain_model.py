@@ -974,9 +974,12 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
 
     A model in error, such as of servos with a dead band, explains a window best by other values
     than those by which it predicts, for with its start free it may bend its whole way; a level
-    that drifts is taken for gain and friction unless each window has its own.
+    that drifts is taken for gain and friction unless each window has its own. A fit that explains
+    its log is no model in error: the noise of its starts is what predictions leave.
     """
     how = fit.how.prediction
+    if fit.explained:
+        return fit
     own = _median_error(fit, fit.log, follow=True)
     if own < how.huber_error_m:
         return fit

@@ -1,11 +1,11 @@
 """Chooses the fits by which an axis is predicted: the full one, five numbers, or both together.
 
 The five numbers are gain, dead time, level, viscous friction and Coulomb friction, fitted to the
-errors of predictions. A full model in error may explain windows well and predict badly. So each
-half of the log is predicted by fits of the other. If one of the two fits is better by more than
-the standard error of their comparison, it predicts alone; else the mean of both does, which is
-seldom much worse than the better one. Five numbers also predict alone where the full model leaves
-the gain open, or cannot be fitted.
+errors of predictions. A full model in error may explain windows well and predict badly, and noise
+may hide such an error. So each half of the log is predicted by fits of the other. If one of the two
+fits is better by more than the standard error of their comparison, it predicts alone; else the mean
+of both does, which is seldom much worse than the better one. Five numbers also predict alone where
+the full model leaves the gain open, or cannot be fitted.
 """
 
 from __future__ import annotations
@@ -117,8 +117,8 @@ def choose_predictor(
 ) -> tuple[AxisPredictor, str]:
     """The fits that predict best, and a note if they are not the given one alone.
 
-    A fit that explains its log is kept: no other model leaves much less. One that does not and does
-    not show the gain either is not kept, whatever it predicts: its terms make up for each other.
+    A fit that does not show the gain is not kept, whatever it predicts: its terms make up for each
+    other. One that explains its log is compared as well: noise may hide what it lacks.
 
     Args:
         fit: The full fit of an axis.
@@ -127,15 +127,14 @@ def choose_predictor(
         look: A first look at its log, which is a guess of the five numbers as well.
     """
     full = AxisPredictor((fit,))
-    if full.explained:
-        return full, ""
     try:
         plain = _reduce(fit, fit.log, look, how)
     except LogError:
         return full, ""
-    fits, why = (plain,), "the full model leaves the gain open"
     if known:
         fits, why = _choose_fits(fit, plain, look, how)
+    else:
+        fits, why = (plain,), "the full model leaves the gain open"
     if fits[-1] is fit:
         return full, ""
     whose = "the mean of the full model and" if len(fits) > 1 else "those of"
