@@ -32,6 +32,8 @@ def test_a_correction_undoes_clock_turned_axes_and_a_bent_gain():
     np.testing.assert_allclose(found.axes["x"].tilt, x.tilt + 0.05 * y.tilt)
     np.testing.assert_allclose(found.axes["y"].tilt, y.tilt * (1 - 2 * np.abs(y.tilt)))
     assert (found.axes["x"].time == time).all()
+    np.testing.assert_allclose(found.axes["x"].added, [y.tilt])
+    np.testing.assert_allclose(found.axes["y"].added, [y.tilt * np.abs(y.tilt)])
     none = Correction().apply(log).axes["x"]
     assert (none.tilt == x.tilt).all()
     np.testing.assert_allclose(none.sampled, x.sampled)
@@ -121,9 +123,25 @@ def test_a_gain_that_changes_with_the_angle_is_found(softening, seed):
     bend, half, _ = bend_of(rig, seed)
     assert abs(bend + softening) < half
     found = find(seed, rig)
-    assert found.bends["x"] == bend
+    assert abs(found.bends["x"] + softening) < min(half, 0.1)
     (note,) = found.notes
     assert float(note.split("gain is ")[1].split(" at small")[0]) == pytest.approx(7.007, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_next_to_a_bend_the_intervals_hold_what_it_leaves_open(seed):
+    rig = draw_rig("softening", seed)
+    log = AnyLog("a.csv", {"x": axis_of(simulate_log(seed, rig))}, {"x": "rad"}, ())
+    fits = fits_of({"x": join_logs([log.axes["x"]])})
+    found = find_correction(fits, {"x": "rad"})
+    assert found.bends["x"] == pytest.approx(-rig.softening, abs=0.1)
+    fit = fits_of({"x": join_logs([found.apply(log).axes["x"]])})["x"]
+    free, tied = fit.estimate(), replace(fit, log=replace(fit.log, added=())).estimate()
+    for name, truth in (("gain", rig.gain * fit.problem.tilt.scale), ("friction", rig.friction)):
+        at = fit.problem.names.index(name)
+        assert abs(free.value[at] - truth) < free.half_width[at]
+    at = fit.problem.names.index("gain")
+    assert free.half_width[at] > 1.4 * tied.half_width[at]
 
 
 @pytest.mark.long

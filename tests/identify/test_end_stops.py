@@ -89,6 +89,15 @@ def test_no_window_touches_a_wall(tube):
     assert usual_free_time(log) < usual_free_time(tube) / 10
 
 
+def test_a_log_that_begins_and_ends_at_a_wall_touches_it_there(tube):
+    begin, end = between(tube).stops.touches
+    middles = ((begin + end) / 2)[end - begin > 0.6]
+    log = between(tube.between(middles[0], middles[-1]))
+    assert np.abs(log.ball[[0, 1, -2, -1]]).min() > TUBE.stop - 3e-3
+    assert log.touching[log.sampled < middles[0] + 0.25].all()
+    assert log.touching[log.sampled > middles[-1] - 0.25].all()
+
+
 def test_a_simulated_ball_bounces_between_walls_and_rests_at_one():
     time = np.arange(0.0, 4.0, 0.01)
     log = AxisLog(time, np.where(time < 1.0, 0.05, 0.1), True, time, 0 * time)

@@ -208,6 +208,17 @@ def test_a_title_above_the_numbers_is_no_header(tmp_path):
     assert read_any(file, by_number).axes["x"].ball == pytest.approx(X, abs=1e-6)
 
 
+def test_rows_of_one_time_that_complete_each_other_are_one_row(tmp_path):
+    text = ["t,x,u"]
+    for t, x, u in zip(T, X, U, strict=True):
+        text += [f"{t:.3f},{x:.6f},", f"{t:.3f},,{u:.6f}", f"{t:.3f},9,9"]
+    log = read_any(written(tmp_path, text), COLUMNS)
+    assert log.axes["x"].ball == pytest.approx(X, abs=1e-6)
+    assert log.axes["x"].tilt == pytest.approx(U, abs=1e-6)
+    assert f"{len(T)} rows joined with the one before them" in log.notes[0]
+    assert f"{len(T)} rows of a time that does not rise left out" in log.notes[1]
+
+
 def test_cells_in_quotes_keep_their_commas(tmp_path):
     text = [",".join(f'"{cell}"' for cell in row.split(";")) for row in rows(";", ",")]
     assert read_any(written(tmp_path, text), COLUMNS).axes["x"].ball == pytest.approx(X, abs=1e-6)

@@ -13,7 +13,12 @@ from twin.identify import any_rig, plain_model, predictor
 from twin.identify.any_rig import identify_axes
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.plain_model import predict_axis, prediction_times
-from twin.identify.predictor import choose_lead, choose_predictor, fit_five_numbers
+from twin.identify.predictor import (
+    AxisPredictor,
+    choose_lead,
+    choose_predictor,
+    fit_five_numbers,
+)
 
 PLAIN = Rig(
     seconds=14.0, rate=50.0, gain=6.0, dead_time=0.1, lag=0.0, friction=0.03, viscous=0.3, level=0.1
@@ -54,19 +59,65 @@ def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
     assert other < 2e-3
 
 
+AT = np.arange(0.0, 40.0, 0.5)
+"""When predictions begin, s."""
+
+
+def errors_of(size, seed):
+    return size * np.random.default_rng(seed).standard_normal(len(AT))
+
+
 @pytest.mark.parametrize(
-    ("full", "five", "chosen"), [(5.0, 4.0, True), (5.0, 4.8, False), (3.0, 5.0, False)]
+    ("by_full", "by_five", "predicts"),
+    [(5e-3, 2e-3, "five"), (5e-3, 5e-3, "both"), (2e-3, 5e-3, "full")],
 )
-def test_five_numbers_are_taken_only_if_they_predict_clearly_better(
-    monkeypatch, plain, full, five, chosen
+def test_a_fit_predicts_alone_only_if_it_is_clearly_better(
+    monkeypatch, plain, by_full, by_five, predicts
 ):
-    errors = iter((full, five))
-    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: 1e-3 * next(errors))
+    compared = [errors_of(by_full, 1), errors_of(by_five, 1)]
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: (compared, AT))
     monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
     given = SimpleNamespace(windowed=None, explained=False, log=None)
     found, note = choose_predictor(given)
-    assert (found is plain) is chosen
-    assert ("five numbers" in note) is chosen
+    assert found.fits == {"five": (plain,), "both": (given, plain), "full": (given,)}[predicts]
+    assert ("five numbers" in note) is (predicts != "full")
+    assert ("mean" in note) is (predicts == "both")
+
+
+def test_errors_of_one_horizon_count_as_one():
+    small, large = errors_of(2e-3, 1), errors_of(3e-3, 2)
+    once = predictor._compare(large, small, AT, predictor.PREDICTOR_CHOICE)
+    often = [np.repeat(each, 8) for each in (large, small, AT)]
+    assert once > 0
+    assert predictor._compare(*often, predictor.PREDICTOR_CHOICE) == pytest.approx(once, rel=0.02)
+    assert predictor._compare(small, large, AT, predictor.PREDICTOR_CHOICE) == pytest.approx(-once)
+    unknown = predictor._compare(large, np.nan * small, AT, predictor.PREDICTOR_CHOICE)
+    assert unknown == 0.0
+
+
+def test_the_mean_of_two_fits_predicts_between_them(plain):
+    other = replace(plain, found=plain.found._replace(theta=plain.found.theta * 0.8))
+    unseen = axis_of(2, PLAIN)
+    at = prediction_times(unseen)
+    alone = [AxisPredictor((each,)).predict(unseen, at) for each in (plain, other)]
+    both = AxisPredictor((plain, other)).predict(unseen, at)
+    for who in ("model", "level followed", "stays"):
+        between = (alone[0].by[who] + alone[1].by[who]) / 2
+        np.testing.assert_allclose(both.by[who], between)
+    wrong = [np.nanmedian(np.abs(each.errors("model", 1.0))) for each in (*alone, both)]
+    assert wrong[0] < wrong[2] < wrong[1]
+
+
+def test_a_log_too_short_to_compare_fits_is_predicted_by_both(monkeypatch, plain):
+    def refuse(*_):
+        raise LogError("2 stretches")
+
+    monkeypatch.setattr(predictor, "_cross_validate", refuse)
+    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
+    given = SimpleNamespace(windowed=None, explained=False, log=None)
+    found, note = choose_predictor(given)
+    assert found.fits == (given, plain)
+    assert "mean" in note
 
 
 def test_a_model_that_shows_no_gain_is_not_kept_for_its_predictions(monkeypatch, plain):
@@ -74,23 +125,31 @@ def test_a_model_that_shows_no_gain_is_not_kept_for_its_predictions(monkeypatch,
     monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
     given = SimpleNamespace(windowed=None, explained=False, log=None)
     found, note = choose_predictor(given, known=False)
-    assert found is plain
+    assert found.fits == (plain,)
     assert "leaves the gain open" in note
 
 
-def test_a_model_that_explains_its_log_is_kept(monkeypatch):
-    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: pytest.fail("compared"))
-    given = SimpleNamespace(windowed=None, explained=True)
-    assert choose_predictor(given) == (given, "")
+def test_a_model_that_explains_its_log_is_compared_as_well(monkeypatch, plain):
+    compared = [errors_of(5e-3, 1), errors_of(5e-3, 1)]
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: (compared, AT))
+    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
+    given = SimpleNamespace(windowed=None, explained=True, log=None)
+    assert choose_predictor(given)[0].fits == (given, plain)
+
+
+def test_noise_of_a_log_that_is_explained_is_no_model_error(monkeypatch, plain):
+    monkeypatch.setattr(plain_model, "_median_error", lambda *_, **__: 0.01)
+    assert plain.explained
+    assert plain_model.refit_for_prediction(plain, 2.5) is plain
 
 
 def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):
-    noisy = axis_of(3, replace(PLAIN, noise=2e-3))
-    given = replace(plain, log=noisy)
+    noisy = axis_of(3, replace(PLAIN, noise=2e-3, seconds=30.0))
+    given = AxisPredictor((replace(plain, log=noisy),))
     found = choose_lead(given)
-    assert found.how.hold_out.lead_s > 0.4
+    assert found.lead_s > 0.4
     at = prediction_times(noisy)
-    before, after = (predict_axis(noisy, each, at, follow=False) for each in (given, found))
+    before, after = (each.predict(noisy, at, follow=False) for each in (given, found))
     medians = [np.nanmedian(np.abs(e.errors("model", 1.0)[e.moves])) for e in (before, after)]
     assert medians[1] < 0.8 * medians[0]
     for baseline in ("stays", "goes on"):  # these do not gain by it
@@ -100,14 +159,7 @@ def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(pl
 
 def test_predictions_start_from_few_samples_where_the_model_is_wrong(plain):
     wrong = plain.found._replace(theta=plain.found.theta * np.array([0.5, 1, 1, 1, 1]))
-    assert choose_lead(replace(plain, found=wrong)).how.hold_out.lead_s <= 0.4
-
-
-@pytest.mark.parametrize(("others", "chosen"), [((4.8, 4.6, 7.0), 0.4), ((4.8, 4.4, 7.0), 0.7)])
-def test_another_lead_is_taken_only_if_it_is_clearly_better(monkeypatch, plain, others, chosen):
-    errors = iter((5.0, *others))
-    monkeypatch.setattr(predictor, "_find_errors", lambda *_: np.full(9, 1e-3 * next(errors)))
-    assert choose_lead(plain).how.hold_out.lead_s == chosen
+    assert choose_lead(AxisPredictor((replace(plain, found=wrong),))).lead_s <= 0.4
 
 
 def test_five_numbers_are_fitted_to_all_of_a_log(monkeypatch):
@@ -148,11 +200,14 @@ def test_each_half_is_predicted_by_a_fit_of_the_other(plain):
         fitted.append((log.sampled[0], log.sampled[-1]))
         return plain
 
-    error = predictor._cross_validate(plain, refit, predictor.PREDICTOR_CHOICE)
+    how = predictor.PREDICTOR_CHOICE
+    (errors,), at = predictor._cross_validate(plain, (refit,), how)
     (first, middle), (after, last) = fitted
     assert first < middle < after < last
     assert middle - first == pytest.approx(last - after, abs=0.1)
-    assert 0 < error < 2e-3
+    assert errors.shape == at.shape
+    assert at[0] > middle > at[-1]
+    assert np.nanmedian(np.abs(errors)) < 2e-3
 
 
 def test_a_log_without_a_full_fit_is_predicted_by_five_numbers(monkeypatch):

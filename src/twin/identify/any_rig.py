@@ -32,12 +32,12 @@ from twin.identify.plain_model import (
     cross_validate,
     find_significance,
     fit_axis,
-    predict_axis,
     prediction_times,
     profile_drives,
     refit_for_prediction,
 )
 from twin.identify.predictor import (
+    AxisPredictor,
     choose_lead,
     choose_predictor,
     describe_five_numbers,
@@ -361,7 +361,7 @@ def _fit_axes(
     names: tuple[str, ...],
     selection: AxisSelection,
     progress: Callable[[float, str], None],
-) -> tuple[dict[str, AxisFit], list[ParameterVerdict], list[str], list[str]]:
+) -> tuple[dict[str, AxisPredictor], list[ParameterVerdict], list[str], list[str]]:
     """Fit the plain model to each axis by itself.
 
     Args:
@@ -374,10 +374,10 @@ def _fit_axes(
         progress: Called with the share of the work done and the name of the next step.
 
     Returns:
-        The fits by axis that predict best, without an axis that cannot be fitted; the verdicts of
-        the parameters of all axes; a reason for each axis without a full fit; notes for the report.
+        What predicts best by axis, without an axis that cannot be fitted; the verdicts of the
+        parameters of all axes; a reason for each axis without a full fit; notes for the report.
     """
-    fits: dict[str, AxisFit] = {}
+    fits: dict[str, AxisPredictor] = {}
     found: list[ParameterVerdict] = []
     reasons, notes = list[str](), list[str]()
     for k, (axis, log) in enumerate(logs.items()):
@@ -404,8 +404,9 @@ def _fit_axes(
             notes += plain_notes
             with suppress(LogError):
                 _check_excited(log)
-                fits[axis] = choose_lead(fit_five_numbers(log, DELAYS_S[log.held], looks[axis]))
-                five = describe_five_numbers(fits[axis])
+                plain = fit_five_numbers(log, DELAYS_S[log.held], looks[axis])
+                fits[axis] = choose_lead(AxisPredictor((plain,)))
+                five = describe_five_numbers(plain)
                 notes.append(f"{axis}: predictions are those of {five}")
             continue
         notes += [f"{axis}: {each}" for each in about]
@@ -422,14 +423,14 @@ def _fit_axes(
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
     notes += [
-        f"{axis}: a prediction starts from {1000 * fit.how.hold_out.lead_s:.0f} ms of positions"
+        f"{axis}: a prediction starts from {1000 * fit.lead_s:.0f} ms of positions"
         for axis, fit in fits.items()
     ]
     return fits, found, reasons, notes
 
 
 def _predict_held_out(
-    fits: Mapping[str, AxisFit],
+    fits: Mapping[str, AxisPredictor],
     others: Sequence[Mapping[str, AxisLog]],
     levers: Mapping[str, float],
     selection: AxisSelection,
@@ -445,7 +446,7 @@ def _predict_held_out(
     at = prediction_times(next(iter(unseen.values())), selection.fitting)
     if not len(at):
         return {}
-    return {axis: predict_axis(log, fits[axis], at) for axis, log in unseen.items()}
+    return {axis: fits[axis].predict(log, at) for axis, log in unseen.items()}
 
 
 def _describe_work(logs: Mapping[str, AxisLog], source: str) -> str:
@@ -553,14 +554,16 @@ def join_logs(
         across = each.across + np.array([[shift], [0.0]])
         begun = [start - selection.pause_between_logs_s / 2] if shifted else []
         recordings.append(np.append(begun, each.recordings + shift))
-        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
+        own = (each.time + shift, each.tilt, each.sampled + shift, each.ball, across)
+        shifted.append((*own, *each.added))
         start = float(each.time[-1]) + shift + selection.pause_between_logs_s
     parts = zip(*shifted, strict=True)
-    time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
+    time, tilt, sampled, ball, across, *added = (np.concatenate(part, axis=-1) for part in parts)
     return AxisLog(
         *(time, tilt, logs[0].held, sampled, ball, across),
         lever=lever,
         recordings=np.concatenate(recordings),
+        added=tuple(added),
     )
 
 
@@ -730,7 +733,8 @@ def _take_middle(fit: AxisFit, selection: AxisSelection) -> AxisFit:
         return fit
     begin, end = (begin + end - longest) / 2, (begin + end + longest) / 2
     sent = (log.time > begin - selection.pause_between_logs_s) & (log.time < end + 1.0)
-    part = replace(log.between(begin, end), time=log.time[sent], tilt=log.tilt[sent])
+    part, added = log.between(begin, end), tuple(each[sent] for each in log.added)
+    part = replace(part, time=log.time[sent], tilt=log.tilt[sent], added=added)
     tilt = TiltHistory(part, fit.problem.tilt.scale)
     return replace(fit, log=part, problem=replace(fit.problem, tilt=tilt))
 

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from controllers.arrays import Array
 from twin.base.page import digits
+from twin.identify.command_model import TiltHistory
 from twin.identify.logs import AnyLog
 from twin.identify.plain_model import AxisFit, find_admixture, find_clock_drift
 
@@ -63,11 +65,14 @@ class Correction:
         """The log without it: with the tilt that acts, and positions in the time of commands."""
         axes = {}
         for axis, own in log.axes.items():
-            tilt = own.tilt
+            tilt, added = own.tilt, list[Array]()
             if share := self.crossed.get(axis):
-                tilt = tilt + share * log.axes[OTHER_AXIS[axis]].tilt_at(own.time)
-            tilt = tilt * (1 + self.bends.get(axis, 0.0) * np.abs(tilt))
-            axes[axis] = replace(own, tilt=tilt).with_clock(self.drift)
+                added.append(log.axes[OTHER_AXIS[axis]].tilt_at(own.time))
+                tilt = tilt + share * added[-1]
+            if bend := self.bends.get(axis):
+                added.append(tilt * np.abs(tilt))
+                tilt = tilt + bend * added[-1]
+            axes[axis] = replace(own, tilt=tilt, added=tuple(added)).with_clock(self.drift)
         return replace(log, axes=axes)
 
 
@@ -99,9 +104,23 @@ def find_correction(
         most = float(np.abs(fit.log.tilt).max())
         bend, half, gain = find_admixture(fit, fit.log.tilt * np.abs(fit.log.tilt))
         if how.max_bend > abs(bend) * most > max(how.min_ratio * half * most, how.min_bend):
-            bends[axis] = bend
+            bends[axis], gain = _refine_bend(fit, bend)
+            bend = bends[axis]
             notes.append(describe_bend(axis, gain, gain * (1 + bend * most)))
     return Correction(drift, crossed, bends, tuple(notes))
+
+
+def _refine_bend(fit: AxisFit, bend: float) -> tuple[float, float]:
+    """A bend after one step more, from a fit with it, and the gain at small tilts next to it.
+
+    One step alone leaves a tenth of it, as gain, lag and friction were fitted without.
+    """
+    more = fit.log.tilt * np.abs(fit.log.tilt)
+    log = replace(fit.log, tilt=fit.log.tilt + bend * more)
+    problem = replace(fit.problem, tilt=TiltHistory(log, fit.problem.tilt.scale))
+    bent = replace(fit, problem=problem).refit(log, problem.names, fit.window_s)
+    further, _, gain = find_admixture(bent, more)
+    return bend + further, gain
 
 
 def _mean_drift(fits: Mapping[str, AxisFit]) -> tuple[float, float]:

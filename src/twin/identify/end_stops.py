@@ -11,6 +11,7 @@ the wall.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -75,6 +76,8 @@ SINGLE_TOUCH_SEARCH = replace(WALL_SEARCH, min_touches=1)
 class _Visit:
     """A visit of the ball to the end of its way.
 
+    Where a log begins or ends with it, or has a gap next to it, a speed and the impulse are NaN.
+
     Attributes:
         begin: Its first sample, s.
         end: Its last sample, s.
@@ -105,8 +108,9 @@ def find_end_stops(log: AxisLog, look: FirstLook, how: WallSearch = WALL_SEARCH)
     ends, touches, bounces = [], list[_Visit](), list[_Visit]()
     for side in (-1.0, 1.0):
         visits = list(_find_visits(log, look, side, how))
-        held = [each for each in visits if each.impulse > each.explained]
-        if len(held) < max(how.min_touches, how.min_touch_share * len(visits)):
+        measured = [each for each in visits if not math.isnan(each.impulse)]
+        held = [each for each in measured if each.impulse > each.explained]
+        if len(held) < max(how.min_touches, how.min_touch_share * len(measured)):
             ends.append(side * np.inf)
             continue
         longest = sorted(held, key=lambda each: each.begin - each.end)[: how.placing_visits]
@@ -183,8 +187,6 @@ def _find_visits(log: AxisLog, look: FirstLook, side: float, how: WallSearch) ->
         begin, end = float(time[first]), float(time[stop - 1])
         before = _fit_speed(time, place, begin - window, begin)
         after = _fit_speed(time, place, end, end + window)
-        if before is None or after is None:
-            continue
         over = np.searchsorted(push_time, (begin - window / 2, end + window / 2))
         over = np.minimum(over, len(push_time) - 1)
         gained, size = (float(each[over[1]] - each[over[0]]) for each in (pushed, sizes))
@@ -207,11 +209,11 @@ def _find_visits(log: AxisLog, look: FirstLook, side: float, how: WallSearch) ->
         )
 
 
-def _fit_speed(time: Array, place: Array, begin: float, end: float) -> float | None:
-    """Speed of a straight line through the samples between two times in s; None of less than 3."""
+def _fit_speed(time: Array, place: Array, begin: float, end: float) -> float:
+    """Speed of a straight line through the samples between two times in s; NaN of less than 3."""
     some = slice(*np.searchsorted(time, (begin - 1e-9, end + 1e-9)))
     at, where = time[some], place[some]
     if len(at) < 3:
-        return None
+        return math.nan
     since = at - at.mean()
     return float(since @ where / (since @ since))

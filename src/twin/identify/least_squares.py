@@ -76,6 +76,18 @@ class Estimate:
         half = np.maximum(half, stats.norm.ppf(end) * self.noise)
         return np.where(self.identifiable, half, np.inf)
 
+    def first(self, count: int) -> Estimate:
+        """Of the first of its parameters alone."""
+        noise = np.broadcast_to(self.noise, self.value.shape)[:count]
+        return replace(
+            self,
+            value=self.value[:count],
+            draws=self.draws[:, :count],
+            identifiable=self.identifiable[:count],
+            degrees_of_freedom=self.degrees_of_freedom[:count],
+            noise=noise,
+        )
+
     @property
     def correlation(self) -> Array:
         """Correlation of the draws, shape (P, P)."""
@@ -647,17 +659,26 @@ class Fit(Generic[Problem_co]):
         names = self.problem.names
         return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
 
+    @property
+    def by_unknowns(self) -> Array:
+        """Slopes of the residuals by C unknowns that were set to what the log shows, (W, M, C)."""
+        return np.zeros((*self.found.linearisation.r.shape[1:], 0))
+
     def estimate(self, *, white: bool = False) -> Estimate:
         """The parameters and their uncertainty, every window an independent observation.
+
+        They are as uncertain as what the log shows of further unknowns makes them.
 
         Args:
             white: Whether the residuals are white, so that the noise is the same everywhere.
         """
-        line = self.found.linearisation
+        line, theta = self.found.linearisation, self.found.theta[0]
+        slopes = np.concatenate((line.by_parameter, self.by_unknowns[None]), axis=-1)
+        line, none = line._replace(by_parameter=slopes), np.zeros(slopes.shape[-1] - len(theta))
+        theta, mean, precision = (np.append(each, none) for each in (theta, *self.problem.known))
         free, _ = line.eliminate_starts()
         r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
         weight = self.problem.weights(line.r)[0]
-        theta, (mean, precision) = self.found.theta[0], self.problem.known
         # what is believed before counts as one window more
         information = np.einsum("wmi,wmj,w->wij", J, J, weight)
         score = np.einsum("wmi,wm,w->wi", J, r, weight)
@@ -671,7 +692,7 @@ class Fit(Generic[Problem_co]):
             np.concatenate((score, (precision * (theta - mean))[None])),
             noise,
             residual=float((line.r**2).sum() / self.problem.windows.size.sum()) if white else None,
-        )
+        ).first(len(self.problem.names))
 
     def bound_bias(self, unexplained: float) -> Array:
         """By how much motion that the model does not explain moves the parameters at worst, (P,).

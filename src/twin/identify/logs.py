@@ -328,6 +328,7 @@ class AxisLog:
         stops: Its end stops; None without any.
         recordings: When each recording after the first begins where several are joined, s, rising,
             shape (R - 1,); their clocks may differ by an offset each.
+        added: Tilts that were added to the tilt, each by as much as the log itself shows, (K,).
     """
 
     time: Array
@@ -339,6 +340,7 @@ class AxisLog:
     lever: float | None = field(default=None, kw_only=True)
     stops: EndStops | None = field(default=None, kw_only=True)
     recordings: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)
+    added: tuple[Array, ...] = field(default=(), kw_only=True)
 
     @property
     def touching(self) -> Mask:
@@ -924,19 +926,8 @@ def _clean_log(
     Raises:
         LogError: If too little is left.
     """
+    columns = _keep_rising_rows(columns, notes)
     time = columns["time"]
-    there = np.isfinite(time)
-    time = time[there] - time[there][:1]
-    back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
-    for row in back:  # a clock that begins anew: a new part, after a gap
-        time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
-    kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
-    if len(back):
-        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
-    if (~kept).any():
-        notes.append(f"{int((~kept).sum())} rows of a time that does not rise left out")
-    columns = {role: values[there][kept] for role, values in columns.items()}
-    time = time[kept]
     balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
     ball = np.stack(balls, axis=-1)
     # of columns with times of their own two may be as close as it happens
@@ -994,6 +985,51 @@ def _clean_log(
         axes[axis] = AxisLog(time[known], columns[role][known], held, at, place, *across)
         tilts[axis] = units[role]
     return AnyLog(source, axes, tilts, tuple(notes))
+
+
+def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[str, Array]:
+    """Columns with the rows whose time is later than all before, from zero on.
+
+    Args:
+        columns: Role to values, shape (K,) each.
+        notes: Of the log, to which is added what was done.
+    """
+    there = np.isfinite(columns["time"])
+    columns = {role: values[there] for role, values in columns.items()}
+    time = columns["time"] - columns["time"][:1]
+    back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
+    for row in back:  # a clock that begins anew: a new part, after a gap
+        time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
+    if len(back):
+        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
+    kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
+    joined = _join_rows_of_one_time(time, kept, columns)
+    if joined:
+        notes.append(f"{joined} rows joined with the one before them, which is of the same time")
+    if (left := int((~kept).sum()) - joined) > 0:
+        notes.append(f"{left} rows of a time that does not rise left out")
+    return {role: values[kept] for role, values in (columns | {"time": time}).items()}
+
+
+def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -> int:
+    """Fill the empty cells of rows from later rows of the same time, in place; how many of these.
+
+    Programs write what they measure and what they command as rows of their own.
+
+    Args:
+        time: Of the rows, s, shape (K,).
+        kept: Rows whose time is later than all before, shape (K,).
+        columns: Role to values, shape (K,) each.
+    """
+    first = np.flatnonzero(kept)[np.cumsum(kept) - 1]
+    again = np.flatnonzero(~kept & (time == time[first]))
+    used = np.zeros(len(time), bool)
+    for values in columns.values():
+        fills = again[np.isfinite(values[again]) & ~np.isfinite(values[first[again]])]
+        fills = fills[np.unique(first[fills], return_index=True)[1]]  # of several the earliest
+        values[first[fills]] = values[fills]
+        used[fills] = True
+    return int(used.sum())
 
 
 def _speed(time: Array, place: Array) -> Array:

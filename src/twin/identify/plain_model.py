@@ -724,6 +724,38 @@ class AxisFit(Fit[AxisProblem]):
         )
         return change > self.how.drives.white_share * size
 
+    @property
+    def window_s(self) -> float:
+        """Length of its windows in s."""
+        return self.problem.longest - SAMPLE_BIN_S
+
+    def with_lead(self, lead_s: float) -> AxisFit:
+        """This fit, with predictions that start from so many seconds of samples."""
+        hold_out = replace(self.how.hold_out, lead_s=lead_s)
+        return replace(self, how=replace(self.how, hold_out=hold_out))
+
+    @property
+    def by_unknowns(self) -> Array:
+        """Slopes of the residuals by the shares of what was added to the tilt, shape (W, M, C)."""
+        each = [self.slope_by_tilt(more) for more in self.log.added]
+        return np.stack(each, axis=-1) if each else super().by_unknowns
+
+    def slope_by_tilt(self, more: Array) -> Array:
+        """Slope of the residuals by a share of further tilt that acts along, shape (W, M).
+
+        Args:
+            more: The further tilt, when each command begins, shape (K,).
+        """
+        scale, size = self.problem.tilt.scale, float(np.std(more)) or 1.0
+        share = ADMIXTURE_DIFFERENCE * scale / size
+        ways = []
+        for each in (share, -share):
+            mixed = replace(self.log, tilt=self.log.tilt + each * more)
+            problem = replace(self.problem, tilt=TiltHistory(mixed, scale))
+            moved = problem.linearise(self.found.theta, self.found.starts, slopes=False)
+            ways.append(moved.r[0])
+        return np.asarray((ways[0] - ways[1]) / (2 * share))
+
     def take(self, which: Mask) -> AxisFit:
         """Fit of a selection of the windows, with the same parameters."""
         problem = replace(self.problem, windows=self.problem.windows.take(which))
@@ -942,9 +974,12 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
 
     A model in error, such as of servos with a dead band, explains a window best by other values
     than those by which it predicts, for with its start free it may bend its whole way; a level
-    that drifts is taken for gain and friction unless each window has its own.
+    that drifts is taken for gain and friction unless each window has its own. A fit that explains
+    its log is no model in error: the noise of its starts is what predictions leave.
     """
     how = fit.how.prediction
+    if fit.explained:
+        return fit
     own = _median_error(fit, fit.log, follow=True)
     if own < how.huber_error_m:
         return fit
@@ -1105,14 +1140,7 @@ def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
         The share, the half-width of its interval, and the gain in m/s^2 by the unit of the tilt.
     """
     fit = fit.windowed or fit
-    size = float(np.std(more)) or 1.0
-    share = ADMIXTURE_DIFFERENCE * fit.problem.tilt.scale / size
-    mixed = replace(fit.log, tilt=fit.log.tilt + share * more)
-    problem = replace(fit.problem, tilt=TiltHistory(mixed, fit.problem.tilt.scale))
-    moved = problem.linearise(fit.found.theta, fit.found.starts, slopes=False)
-    (found, gain), (half, _) = _step_by(
-        fit, (moved.r - fit.found.linearisation.r)[0, ..., None] / share
-    )
+    (found, gain), (half, _) = _step_by(fit, fit.slope_by_tilt(more)[..., None])
     fitted = fit.value("gain")
     return found * fitted / gain, half * abs(fitted / gain), gain / fit.problem.tilt.scale
 

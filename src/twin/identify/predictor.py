@@ -1,14 +1,16 @@
-"""Chooses the fit by which an axis is predicted: the full one, or five numbers if they are better.
+"""Chooses the fits by which an axis is predicted: the full one, five numbers, or both together.
 
 The five numbers are gain, dead time, level, viscous friction and Coulomb friction, fitted to the
-errors of predictions. A full model in error may explain windows well and predict badly. So each
-half of the log is predicted by fits of the other, and five numbers are taken if their median error
-is clearly smaller. So they are where the full model leaves the gain open, or cannot be fitted.
+errors of predictions. A full model in error may explain windows well and predict badly, and noise
+may hide such an error. So each half of the log is predicted by fits of the other. If one of the two
+fits is better by more than the standard error of their comparison, it predicts alone; else the mean
+of both does, which is seldom much worse than the better one. Five numbers also predict alone where
+the full model leaves the gain open, or cannot be fitted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +32,7 @@ from twin.identify.plain_model import (
     predict_axis,
     prediction_times,
 )
-from twin.identify.verdicts import absolute_quantile
+from twin.identify.verdicts import HOLD_OUT, Predicted, absolute_quantile
 from twin.identify.windows import axis_windows
 
 FIVE_NUMBERS = ("gain", "dead_time", "level", "viscous", "friction")
@@ -47,28 +49,63 @@ class PredictorChoice:
         horizon_s: Time ahead at which predictions are compared, and up to which five numbers are
             fitted.
         interval_s: Time between the predictions to which they are fitted.
-        leads_s: Lengths of the samples from which a prediction may start, the usual one first: long
-            ones average noise, short ones forget errors of the model.
+        leads_s: Lengths of the samples from which a prediction may start: long ones average noise,
+            short ones forget errors of the model.
+        long_lead_s: The length where the model explains the log.
+        brief_lead_s: The length where it does not.
+        min_lead_samples: Smallest number of samples of such a length.
         lead_interval_s: Time between the predictions by which these are compared.
         max_lead_predictions: Largest number of these.
-        accepted_lead_share: Another length is taken if it reduces the error to this share of that
-            of the usual one: few predictions differ by more by chance.
-        accepted_error_share: Five numbers are taken if they reduce the error to this share of that
-            of a full model that shows the gain.
+        accepted_stds: A fit predicts alone, and another length is taken, if it is better by more
+            standard errors of the comparison.
     """
 
     windows_s: tuple[float, ...] = (1.4, 0.7)
     first_residual_m: float = 2e-3
     horizon_s: float = 1.0
     interval_s: float = 0.25
-    leads_s: tuple[float, ...] = (0.4, 0.25, 0.7, 1.2)
+    leads_s: tuple[float, ...] = (0.25, 0.4, 0.7, 1.2)
+    long_lead_s: float = 0.7
+    brief_lead_s: float = 0.25
+    min_lead_samples: int = 5
     lead_interval_s: float = 0.125
     max_lead_predictions: int = 250
-    accepted_lead_share: float = 0.9
-    accepted_error_share: float = 0.9
+    accepted_stds: float = 1.0
 
 
 PREDICTOR_CHOICE = PredictorChoice()
+
+
+@dataclass(frozen=True)
+class AxisPredictor:
+    """Fits of an axis whose predictions are averaged.
+
+    Attributes:
+        fits: The fits, to the same log.
+        lead_s: Length of the samples from which a prediction starts, s.
+    """
+
+    fits: tuple[AxisFit, ...]
+    lead_s: float = HOLD_OUT.lead_s
+
+    @property
+    def explained(self) -> bool:
+        """Whether a fit explains the log, so that no other model leaves much less."""
+        return any((fit.windowed or fit).explained for fit in self.fits)
+
+    def predict(self, log: AxisLog, at: Array, *, follow: bool = True) -> Predicted:
+        """Predict from times in s, shape (W,), by the samples before them.
+
+        Args:
+            log: The axis, held out.
+            at: When predictions begin.
+            follow: Whether to predict with a followed level and without friction as well.
+        """
+        every = [
+            predict_axis(log, fit.with_lead(self.lead_s), at, follow=follow) for fit in self.fits
+        ]
+        mean = {who: np.mean([each.by[who] for each in every], axis=0) for who in every[0].by}
+        return replace(every[0], by=mean)
 
 
 def choose_predictor(
@@ -77,11 +114,11 @@ def choose_predictor(
     *,
     known: bool = True,
     look: FirstLook | None = None,
-) -> tuple[AxisFit, str]:
-    """The fit that predicts best, and a note if it is not the given one.
+) -> tuple[AxisPredictor, str]:
+    """The fits that predict best, and a note if they are not the given one alone.
 
-    A fit that explains its log is kept: no other model leaves much less. One that does not and does
-    not show the gain either is not kept, whatever it predicts: its terms make up for each other.
+    A fit that does not show the gain is not kept, whatever it predicts: its terms make up for each
+    other. One that explains its log is compared as well: noise may hide what it lacks.
 
     Args:
         fit: The full fit of an axis.
@@ -89,53 +126,97 @@ def choose_predictor(
         known: Whether its gain is identified.
         look: A first look at its log, which is a guess of the five numbers as well.
     """
-    if (fit.windowed or fit).explained:
-        return fit, ""
+    full = AxisPredictor((fit,))
     try:
-        if not known:
-            plain = _reduce(fit, fit.log, look, how)
-            five = describe_five_numbers(plain)
-            return plain, f"predictions are those of {five}: the full model leaves the gain open"
-        full = _cross_validate(fit, lambda log: _refit(fit, log), how)
-        least = _cross_validate(fit, lambda log: _reduce(fit, log, look, how), how)
-        if not least < how.accepted_error_share * full:
-            return fit, ""
         plain = _reduce(fit, fit.log, look, how)
-    except LogError:  # a half has too few windows
-        return fit, ""
-    return plain, (
-        f"predictions are those of {describe_five_numbers(plain)}: by them one half of the log "
-        f"predicts the other to {1000 * least:.1f} mm, by the full model to {1000 * full:.1f} mm"
-    )
+    except LogError:
+        return full, ""
+    if known:
+        fits, why = _choose_fits(fit, plain, look, how)
+    else:
+        fits, why = (plain,), "the full model leaves the gain open"
+    if fits[-1] is fit:
+        return full, ""
+    whose = "the mean of the full model and" if len(fits) > 1 else "those of"
+    return AxisPredictor(fits), f"predictions are {whose} {describe_five_numbers(plain)}: {why}"
 
 
-def choose_lead(fit: AxisFit, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisFit:
-    """The fit with the length of samples from which its predictions of its log start best.
-
-    The usual length if no other one is clearly better.
+def _choose_fits(
+    full: AxisFit, plain: AxisFit, look: FirstLook | None, how: PredictorChoice
+) -> tuple[tuple[AxisFit, ...], str]:
+    """The better one of two fits to a log, or both where that is unclear, and why.
 
     Args:
-        fit: A fit of an axis.
+        full: By the full model.
+        plain: By five numbers.
+        look: A first look at the log.
         how: Constants.
     """
+    refits = (lambda log: _refit(full, log), lambda log: _reduce(full, log, look, how))
+    try:
+        (by_full, by_plain), at = _cross_validate(full, refits, how)
+    except LogError:  # a half has too few windows
+        return (full, plain), "the log is too short to compare them"
+    gained = _compare(by_full, by_plain, at, how)
+    if gained < -how.accepted_stds:
+        return (full,), ""
+    first, second = (1000 * absolute_quantile(each, 0.5) for each in (by_full, by_plain))
+    why = f"by five numbers one half of the log predicts the other to {second:.1f} mm, by the full "
+    why += f"model to {first:.1f} mm"
+    return ((plain,) if gained > how.accepted_stds else (full, plain)), why
+
+
+def choose_lead(predictor: AxisPredictor, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisPredictor:
+    """The predictor with the length of samples from which its predictions of its log start best.
+
+    A long one where the model explains the log, so that noise is all that is wrong; a brief one
+    where it does not, as what the model lacks moves the ball in that time, too. Another length is
+    taken if it is clearly better.
+
+    Args:
+        predictor: Of an axis.
+        how: Constants.
+    """
+    fit = predictor.fits[0]
+    step = float(np.median(np.diff(fit.log.sampled)))
+    leads = [each for each in how.leads_s if each >= (how.min_lead_samples - 0.5) * step]
+    leads = leads or [max(how.leads_s)]
+    usual = how.long_lead_s if predictor.explained else how.brief_lead_s
+    usual = min(leads, key=lambda each: abs(each - usual))
     often = replace(fit.how.hold_out, interval_s=how.lead_interval_s)
-    at = prediction_times(fit.log, replace(fit.how, hold_out=often), max(how.leads_s))
+    at = prediction_times(fit.log, replace(fit.how, hold_out=often), max(leads))
     at = at[:: max(1, -(-len(at) // how.max_lead_predictions))]
+    ways = {each: replace(predictor, lead_s=each) for each in leads}
     if not len(at):
-        return fit
-    fits = [
-        replace(fit, how=replace(fit.how, hold_out=replace(fit.how.hold_out, lead_s=lead_s)))
-        for lead_s in how.leads_s
-    ]
-    errors = [absolute_quantile(_find_errors(each, fit.log, at, how), 0.5) for each in fits]
-    best = int(np.nanargmin(errors)) if np.isfinite(errors).any() else 0
-    return fits[best if not errors[best] > how.accepted_lead_share * errors[0] else 0]
+        return ways[usual]
+    errors = {lead: _find_errors(each, fit.log, at, how) for lead, each in ways.items()}
+    gained = {lead: _compare(errors[usual], each, at, how) for lead, each in errors.items()}
+    best = max(gained, key=lambda lead: gained[lead])
+    return ways[best if gained[best] > how.accepted_stds else usual]
 
 
-def _find_errors(fit: AxisFit, log: AxisLog, at: Array, how: PredictorChoice) -> Array:
-    """Errors in m of predictions that begin at some times in s, where the ball moves."""
-    found = predict_axis(log, fit, at, follow=False)
-    return found.errors("model", how.horizon_s)[found.moves]
+def _find_errors(predictor: AxisPredictor, log: AxisLog, at: Array, how: PredictorChoice) -> Array:
+    """Errors in m of predictions that begin at some times in s; NaN where the ball rests."""
+    found = predictor.predict(log, at, follow=False)
+    return np.where(found.moves, found.errors("model", how.horizon_s), np.nan)
+
+
+def _compare(errors: Array, others: Array, at: Array, how: PredictorChoice) -> float:
+    """By how many standard errors other predictions are better than some; 0 if unknown.
+
+    By the mean logarithm of errors plus their median, shape (W,), of predictions that begin at the
+    same times: neither large errors nor those near zero decide. Predictions of one horizon count as
+    one.
+    """
+    sizes = np.abs((errors, others))
+    known = np.isfinite(sizes).all(axis=0)
+    usual = float(np.median(sizes[:, known])) if known.any() else 0.0
+    ratio = -np.diff(np.log(sizes + usual), axis=0)[0]
+    independent = len(np.unique(np.floor(at[known] / how.horizon_s)))
+    if independent < 2:
+        return 0.0
+    spread = float(np.std(ratio[known], ddof=1)) / np.sqrt(independent)
+    return float(np.mean(ratio[known])) / max(spread, 1e-12)
 
 
 def fit_five_numbers(
@@ -227,18 +308,27 @@ def _refit(fit: AxisFit, log: AxisLog) -> AxisFit:
 
 
 def _cross_validate(
-    fit: AxisFit, refit: Callable[[AxisLog], AxisFit], how: PredictorChoice
-) -> float:
-    """Median error in m of predictions of each half of a log by a fit of the other.
+    fit: AxisFit, refits: Sequence[Callable[[AxisLog], AxisFit]], how: PredictorChoice
+) -> tuple[list[Array], Array]:
+    """Errors in m of predictions of each half of a log by fits of the other, and their times in s.
 
-    Infinite if nothing is known of it.
+    Args:
+        fit: A fit to the log.
+        refits: Fit a part of it, in different ways.
+        how: Constants.
+
+    Raises:
+        LogError: If a half has too few windows.
     """
     middle = float(np.median(fit.log.sampled))
     halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
-    errors = []
+    errors: list[list[Array]] = [[] for _ in refits]
+    times = []
     for fitted, tried in (halves, halves[::-1]):
         at = prediction_times(tried, fit.how, fit.how.hold_out.lead_s)
         if not len(at):
-            return np.inf
-        errors.append(_find_errors(refit(fitted), tried, at, how))
-    return absolute_quantile(np.concatenate(errors), 0.5)
+            raise LogError("no predictions")
+        times.append(at)
+        for refit, found in zip(refits, errors, strict=True):
+            found.append(_find_errors(AxisPredictor((refit(fitted),)), tried, at, how))
+    return [np.concatenate(each) for each in errors], np.concatenate(times)
