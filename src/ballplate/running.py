@@ -449,14 +449,16 @@ def _begin_clean_run(
 
 
 def rig_label(on: str) -> str:
-    """The title of a rig file in tables and pictures; its name where it has none."""
+    """The title of a rig file in tables and pictures; its name where it has none.
+
+    Raises:
+        TwinError: If there is no such file, or it is wrong: before anything of a bus is imported.
+    """
     from twin.scenario.rig import RigFile, read_rig
 
-    title = RigFile.model_fields["title"].default
-    if on != EMULATED_RIG:
-        with suppress(TwinError):  # reported where the rig is opened
-            title = read_rig(Path(on)).title
-    return f"rig {Path(on).stem}" if title == RigFile.model_fields["title"].default else title
+    default = RigFile.model_fields["title"].default
+    title = default if on == EMULATED_RIG else read_rig(Path(on)).title
+    return f"rig {Path(on).stem}" if title == default else title
 
 
 EMULATED_RIG = "emulated"
