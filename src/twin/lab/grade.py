@@ -202,6 +202,8 @@ def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) 
         raise ScenarioError(f"--wheel {wheel}: not found")
     if out.exists():
         raise ScenarioError(f"--out {out}: exists; give a new one")
+    if system == "gradescope" and out.suffix != ".zip":
+        raise ScenarioError(f"--out {out}: must end in .zip")
     if system != "gradescope":
         write_folder(out, lambda inner: _fill(lab, system, inner, key, wheel))
         return
