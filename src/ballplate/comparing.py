@@ -115,8 +115,8 @@ class Comparison(Mapping[str, "Result"]):
         """The indicators of each run, as ``Result.summary``."""
         return {label: each.summary() for label, each in self.runs.items()}
 
-    def plot(self, panel: str | None = None, width_mm: float = 88.0) -> Figure:
-        """All runs in one picture, or in one panel of it; arguments as for ``Result.plot``."""
+    def plot(self, panel: str | Sequence[str] | None = None, width_mm: float = 88.0) -> Figure:
+        """All runs in one picture, or in panels of it; arguments as for ``Result.plot``."""
         from ballplate.results import draw_motions
 
         return showable(draw_motions(self.motions, self.title, self._plate, panel, width_mm))

@@ -169,7 +169,7 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
         for file in filter(Path.is_file, like.folder.rglob("*")):
             if "__pycache__" not in file.parts and not file.name.endswith("key.txt"):
                 content = file.read_bytes()
-                if file.suffix in (".md", ".toml"):
+                if file.suffix in (".md", ".toml", ".py"):
                     content = _rename_in(file, like.name, name).encode()
                 write_whole(inner / file.relative_to(like.folder), content)
 
@@ -177,11 +177,11 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
 
 
 def _rename_in(file: Path, old: str, new: str) -> str:
-    """The text of a file of a lab for the lab's copy: its name, and commands with it."""
+    """The text of a file of a lab for the lab's copy: its name wherever it is named."""
     text = file.read_text(encoding="utf-8-sig")
     if file.name == "lab.toml":
         text = re.sub(r"(?m)^name\s*=.*$", f'name = "{new}"', text, count=1)
-    return re.sub(rf"(ballplate lab \w+ ){re.escape(old)}\b", rf"\g<1>{new}", text)
+    return re.sub(rf"(ballplate lab \w+ |\bcd |\bLab `){re.escape(old)}\b", rf"\g<1>{new}", text)
 
 
 def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) -> None:
