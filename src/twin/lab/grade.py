@@ -298,7 +298,8 @@ def student_page(
         replace(table({**result, "results": shown}), title=say("checks")),
         *show_drawing(judge, result, drawing or draw_worst_check(judge, shown)),
     ]
-    return html(f"{judge.lab.shown_title}: {result['student']}", blocks)
+    title = f"{judge.lab.shown_title}: {result['student']}"
+    return html(title, blocks, judge.lab.language)
 
 
 def draw_worst_check(judge: Judge, shown: Sequence[Result]) -> Drawing | None:
@@ -382,7 +383,9 @@ def class_page(
         blocks.append(Verdict(alike, good=False, title=say("alike_heading")))
     if scores:
         blocks.append(histogram(lab, [each["score"] for each in graded]))
-    if problems := [(each["student"], line) for each in found if (line := first_error(each))]:
+    if problems := [
+        (each["student"], line) for each in found if (line := first_error(each, lab.language))
+    ]:
         heads = (say("student"), say("why"))
         blocks.append(Table(say("not_graded"), heads, problems, words=(0, 1)))
     if left_out:
@@ -392,7 +395,8 @@ def class_page(
     numbers = map(str, range(1, len(checks) + 1))
     columns = (say("student"), say("points_heading"), *numbers)
     blocks.append(Table(say("marks_heading"), columns, marks))
-    return html(say("class_title", title=lab.shown_title, count=len(found)), blocks)
+    title = say("class_title", title=lab.shown_title, count=len(found))
+    return html(title, blocks, lab.language)
 
 
 def points_or_reason(check: Result, language: str) -> str:
@@ -402,8 +406,10 @@ def points_or_reason(check: Result, language: str) -> str:
     return f"0 {words(language)('zero_' + check['data']['ending'].replace(' ', '_'))}"
 
 
-def first_error(result: Result) -> str:
+def first_error(result: Result, language: str) -> str:
     """Why a submission could not be graded, or its first error; empty for none."""
+    if result.get("problem") == NOT_HANDED_IN:
+        return words(language)("not_handed_in")
     errors = [
         each["cause"]["rationale"]
         for each in result["results"]

@@ -253,7 +253,7 @@ def panel(
         ScenarioError: If there is no such panel, one is given twice, or the width is not 30 to 400
             mm.
     """
-    chosen = list(names) if isinstance(names, list | tuple) else [names]
+    chosen: list[Any] = list(names) if isinstance(names, list | tuple) else [names]
     shapes = [_paper_shape(name, plate) for name in chosen]
     if not chosen or len(set(chosen)) < len(chosen):
         raise ScenarioError(f"panel {chosen}: give one or more panels, each once")
