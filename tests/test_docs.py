@@ -358,6 +358,15 @@ def test_every_file_and_heading_that_a_page_links_to_exists():
             assert not anchor or anchor in anchors(file), f"{page.name}: {target}"
 
 
+def test_every_module_that_the_architecture_names_exists():
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    folders = ("src", "controllers", "docs", "tests", "benchmarks", "release")
+    there = [f"/{file.as_posix()}" for each in folders for file in (ROOT / each).rglob("*.py")]
+    named = re.findall(r"`([\w-]+(?:/[\w-]+)*\.py)`", text)
+    assert len(named) > 10
+    assert not [each for each in named if not any(file.endswith(f"/{each}") for file in there)]
+
+
 def test_the_index_lists_every_page_once():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     lists = index[index.index("\n## ") :]

@@ -116,8 +116,8 @@ class Comparison(Mapping[str, "Result"]):
         """The indicators of each run, as ``Result.summary``."""
         return {label: each.summary() for label, each in self.runs.items()}
 
-    def plot(self, panel: str | None = None, width_mm: float = 88.0) -> Figure:
-        """All runs in one picture, or in one panel of it; arguments as for ``Result.plot``."""
+    def plot(self, panel: str | Sequence[str] | None = None, width_mm: float = 88.0) -> Figure:
+        """All runs in one picture, or in panels of it; arguments as for ``Result.plot``."""
         from ballplate.results import draw_motions
 
         return showable(draw_motions(self.motions, self.title, self._plate, panel, width_mm))
@@ -259,6 +259,12 @@ def compare(
     names, folders, logs = sorted_out(given, of_any_rig=columns is not None)
     report = reporter or default()
     check_processes(processes, report)
+    if separator is not None and columns is None:
+        pair = map(report.name_of, ("separator", "columns"))
+        raise ScenarioError("{}: needs {}, the columns of a log of any rig".format(*pair))
+    if columns is not None and not logs:
+        what = report.name_of("columns")
+        raise ScenarioError(f"{what}: describe a log; name one, such as run.csv")
     if vary and not names:
         what = report.name_of("vary")
         raise ScenarioError(f"{what}: nothing to run; name a scenario, such as circle")
@@ -399,8 +405,6 @@ def runs_of_logs(
     runs: list[Run] = []
     fitted: list[KeyChange] = []
     columns, separator = columns_and_separator
-    if columns is not None and not logs:
-        raise ScenarioError("columns: describe a log; name one, such as run.csv")
     for path in logs:
         if not (names or finished):
             raise ScenarioError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,15 +100,16 @@ class Result(Run):
         clean = None if self.baseline is None else self.baseline.metrics["tracking_error_percent"]
         return describe_run(self, clean)
 
-    def plot(self, panel: str | None = None, width_mm: float = 88.0) -> Figure:
-        """The picture: path of the ball, error, plate angles and effort; or one panel of it.
+    def plot(self, panel: str | Sequence[str] | None = None, width_mm: float = 88.0) -> Figure:
+        """The picture: path of the ball, error, plate angles and effort; or panels of it.
 
         ``result.plot("error", width_mm=88).savefig("error.pdf")`` has the width of a column and
-        text as text, in TrueType fonts.
+        text as text, in TrueType fonts; ``plot(["plate", "error"])`` has one below the other.
 
         Args:
-            panel: ``plate``, ``error``, ``x``, ``y``, ``angle`` or ``effort``; all by default.
-            width_mm: Width of a single panel in mm, 30 to 400.
+            panel: ``plate``, ``error``, ``x``, ``y``, ``angle`` or ``effort``, or a list of
+                these, from the top; all by default.
+            width_mm: Width of a figure of chosen panels in mm, 30 to 400.
 
         Raises:
             ScenarioError: If there is no such panel, or the width is out of range.
@@ -189,10 +190,10 @@ def draw_motions(
     motions: Mapping[str, Motion],
     title: str,
     plate: Dimensions,
-    panel: str | None,
+    panel: str | Sequence[str] | None,
     width_mm: float,
 ) -> Figure:
-    """The picture of motions by label, or one panel of it; arguments as for ``Result.plot``."""
+    """The picture of motions by label, or panels of it; arguments as for ``Result.plot``."""
     from twin.run.picture import PaperFigure, picture
     from twin.run.picture import panel as draw_panel
 

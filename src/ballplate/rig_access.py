@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter
-from twin.base.errors import RigError, ScenarioError, TwinError
+from twin.base.errors import RigError, ScenarioError
 
 if TYPE_CHECKING:
     from twin.devices.rig import HardwareRig
@@ -20,14 +20,16 @@ if TYPE_CHECKING:
 
 
 def rig_label(on: str) -> str:
-    """The title of a rig file in tables and pictures; its name where it has none."""
+    """The title of a rig file in tables and pictures; its name where it has none.
+
+    Raises:
+        TwinError: If there is no such file, or it is wrong: before anything of a bus is imported.
+    """
     from twin.scenario.rig import RigFile, read_rig
 
-    title = RigFile.model_fields["title"].default
-    if on != EMULATED_RIG:
-        with suppress(TwinError):  # reported where the rig is opened
-            title = read_rig(Path(on)).title
-    return f"rig {Path(on).stem}" if title == RigFile.model_fields["title"].default else title
+    default = RigFile.model_fields["title"].default
+    title = default if on == EMULATED_RIG else read_rig(Path(on)).title
+    return f"rig {Path(on).stem}" if title == default else title
 
 
 EMULATED_RIG = "emulated"

@@ -305,8 +305,8 @@ class StudyResult:
         ... unit = "rad/s"
         ... ''')
         >>> found = bp.study(file, seeds=1, processes=1)
-        >>> found.title, len(found.to_pandas()), len(found.answers)
-        ('Speed of the circle', 2, 1)
+        >>> found, len(found.to_pandas()), len(found.answers)
+        (<StudyResult 'Speed of the circle': 2 runs>, 2, 1)
     """
 
     work: Work
@@ -318,6 +318,9 @@ class StudyResult:
     def title(self) -> str:
         """Subject of the study, in a line."""
         return self.work.study.title
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.title!r}: {self.rows.num_rows} runs>"
 
     @property
     def sentences(self) -> list[str]:

@@ -388,6 +388,15 @@ def test_a_rig_is_called_by_the_title_of_its_file(tmp_path):
     named, plain = tmp_path / "one.toml", tmp_path / "two.toml"
     named.write_text('title = "mine"\nbackend = "mine.py:Mine"\n')
     plain.write_text('backend = "mine.py:Mine"\n')
-    found = [rig_label(str(each)) for each in (named, plain, tmp_path / "three.toml")]
-    assert found == ["mine", "rig two", "rig three"]
+    assert [rig_label(str(each)) for each in (named, plain)] == ["mine", "rig two"]
     assert rig_label("emulated") == "rig emulated"
+    with pytest.raises(ballplate.TwinError, match=r"three\.toml: cannot be read"):
+        rig_label(str(tmp_path / "three.toml"))
+
+
+def test_a_wrong_rig_file_is_refused_before_anything_of_a_bus_is_imported(tmp_path, monkeypatch):
+    (tmp_path / "rig.toml").write_text("no TOML")
+    monkeypatch.setitem(sys.modules, "twin.devices.akd.recording", None)
+    for name, reason in (("rig.toml", "not a TOML file"), ("none.toml", "cannot be read")):
+        with pytest.raises(ballplate.TwinError, match=reason):
+            ballplate.run("circle", on=tmp_path / name, out=tmp_path / "runs")

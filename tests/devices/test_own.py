@@ -376,7 +376,10 @@ WRONG = {
     "mine.py:C": (HEAD + "class C(Hardware:\n", "line 2: SyntaxError"),
     "mine.py:D": (HEAD + "\nraise KeyError('x')\n", "line 3: KeyError: 'x'"),
     "mine.py:E": (HEAD + "import sys\nsys.exit(3)\n", "line 3: SystemExit: 3"),
-    "mine.py:F": (HEAD + "class F(Hardware):\n  def __init__(self, a): pass\n" + WHOLE, "'a'"),
+    "mine.py:F": (
+        HEAD + "class F(Hardware):\n  def __init__(self, a): pass\n" + WHOLE,
+        "own.options: missing a required argument: 'a' (options of F: a)",
+    ),
 }
 
 

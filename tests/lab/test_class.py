@@ -15,14 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import sync_playwright
 
 from twin.lab.copies import find_alike
+from twin.lab.grade import begin as begin_lab
 from twin.lab.grade import candidates, class_page
 from twin.lab.handed_in import Submission, collect
 from twin.lab.schema import Lab, deal, fill_answer, hand_out, read
 
 MINI = Path(__file__).parent / "mini"
 KEY = "the key of a course"
+CHROMIUM = Path("/usr/bin/chromium")
 
 
 def mixed(one: str, other: str, draw: random.Random) -> str:
@@ -213,3 +216,30 @@ def test_the_page_of_a_class_has_names_and_the_reason_of_each_0(tmp_path: Path) 
     ):
         at = cells.index(row[0], cells.index("Marks, check by check") if len(row) > 3 else 0)
         assert cells[at : at + len(row)] == row
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not CHROMIUM.exists(), reason="needs chromium (Debian: chromium)")
+def test_every_cell_of_the_page_of_a_class_is_seen_on_a_telephone(tmp_path: Path) -> None:
+    begin_lab("reibung", tmp_path / "lab", read("friction"))
+    text = (tmp_path / "lab" / "lab.toml").read_text("utf-8")
+    (tmp_path / "lab" / "lab.toml").write_text(text.replace('"en"', '"de"', 1), "utf-8")
+    lab, found = read(tmp_path / "lab"), []
+    for end in ("measured", "broken", "timed out", "not graded"):
+        about = {"data": {"ending": end}, "cause": {"rationale": "answer.py, line 3: NameError"}}
+        checks = lab.checks(hidden=True)
+        its = [{**about, "name": each.name, "passed": False, "score": 0.0} for each in checks]
+        found.append({"student": f"student{len(found)}", "score": 0.0, "results": its})
+    found.append({"student": "hans", "score": 0.0, "results": [], "problem": "not handed in"})
+    page = class_page(lab, found, tmp_path, people={"student1": "Anna Groß"})
+    assert '<html lang="de">' in page
+    assert "not handed in" not in page
+    (tmp_path / "page.html").write_text(page, "utf-8")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        shown = browser.new_page(viewport={"width": 400, "height": 900})
+        shown.goto((tmp_path / "page.html").as_uri())
+        ends = "[...document.querySelectorAll('td')].map(c => c.getBoundingClientRect().right)"
+        right = max(shown.evaluate(ends))
+        browser.close()
+    assert right <= 400

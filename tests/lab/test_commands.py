@@ -26,6 +26,26 @@ def test_the_name_of_a_missing_answer_is_one_line_at_once(
     assert errors.splitlines() == ["ballplate: anwser.py: no such file; did you mean 'answer.py'?"]
 
 
+@pytest.mark.parametrize("command", ["variants", "grade", "pack"])
+def test_a_lecturer_without_the_key_is_warned(
+    command: str, ballplate: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("class.csv").write_text("id\nann\n")
+    Path("key").write_text("a key of the course")
+    Path("submissions").mkdir()
+    Path("submissions/ann.md").write_text("no answer")
+    words = {
+        "variants": [MINI, "class.csv"],
+        "grade": [MINI, "submissions"],
+        "pack": [MINI, "--for", "classroom50"],
+    }[command]
+    warned = "without --key the rigs are for practice"
+    assert warned in ballplate("lab", command, *words, "--out", "one.csv")[2]
+    _, _, errors = ballplate("lab", command, *words, "--out", "two.csv", "--key", "key")
+    assert warned not in errors
+
+
 def test_a_check_with_some_of_its_points_is_shown_as_partly_passed() -> None:
     each = {"name": "c", "title": "c", "max_score": 4.0, "cause": None, "log": [], "remark": ""}
     ends = ((True, 4.0), (False, 1.59), (False, 0.0), (None, 0.0))

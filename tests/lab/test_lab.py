@@ -692,7 +692,10 @@ def test_a_lab_like_a_shipped_one_is_whole_and_has_no_key(tmp_path: Path) -> Non
     assert (new.name, new.title, new.hidden) == ("friction2", old.title, old.hidden)
     assert new.check == old.check
     assert [each.fails for each in candidates(new)] == [each.fails for each in candidates(old)]
-    assert "ballplate lab check friction2`" in new.text("task.md")
+    for sheet in ("task.md", "task.de.md"):
+        assert "ballplate lab check friction2`" in new.text(sheet)
+        assert "cd friction2-ID`" in new.text(sheet)
+    assert new.text("answer.py").startswith('"""Lab `friction2`:')
     (folder / "course-key.txt").write_text(KEY)
     begin("third", tmp_path / "third", read(folder))
     assert not (tmp_path / "third" / "course-key.txt").exists()

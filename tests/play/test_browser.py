@@ -238,6 +238,27 @@ def test_all_is_reached_on_a_narrow_window(browser, tmp_path, width):
         assert len(played.lines) == 1, played.lines  # nothing was done, so nothing is kept
 
 
+BRIGHTNESS = """() => [...document.querySelectorAll("body, .q-card")].map((each) => {
+    const shades = getComputedStyle(each).backgroundColor.match(/\\d+/g).map(Number);
+    return (shades[0] + shades[1] + shades[2]) / 3;
+})"""
+DRAWN = """() => [...document.querySelectorAll("svg[data-time], svg[data-testid], canvas")].map(
+    (each) => getComputedStyle(each).filter)"""
+
+
+def test_the_page_is_as_dark_as_the_browser_asks_for(browser, tmp_path):
+    with playing("circle", "--out", str(tmp_path / "run")) as played:
+        page = browser(tmp_path / "one", played.url)
+        page.emulate_media(color_scheme="dark")
+        until(lambda: max(page.evaluate(BRIGHTNESS)) < 40)
+        drawn = page.evaluate(DRAWN)
+        assert len(drawn) == 4
+        assert all(each.startswith("invert(0.9)") for each in drawn)
+        page.emulate_media(color_scheme="light")
+        until(lambda: min(page.evaluate(BRIGHTNESS)) > 230)
+        assert set(page.evaluate(DRAWN)) == {"none"}
+
+
 def test_one_drives_and_the_other_looks_until_the_first_has_gone(browser, tmp_path):
     with playing("hold", "--out", str(tmp_path / "run")) as played:
         first = browser(tmp_path / "one", played.url)

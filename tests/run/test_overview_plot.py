@@ -248,6 +248,22 @@ def test_a_single_panel_shows_what_the_picture_shows():
         assert np.array_equal(mine.get_xydata(), whole.get_xydata())
 
 
+def test_panels_of_a_list_stand_below_each_other_with_one_legend_of_all():
+    runs = {"one": motion(), "two": motion(0.05)}
+    single = [pictures.panel(runs, name, PLATE, 88) for name in ("plate", "angle")]
+    figure = pictures.panel(runs, ["plate", "angle"], PLATE, 88)
+    upper, lower = sorted(figure.axes, key=lambda axes: -axes.get_position().y0)
+    assert (upper.get_xlabel(), lower.get_xlabel()) == ("x [mm]", "time [s]")
+    assert upper.get_position().y0 > lower.get_position().y1
+    assert figure.get_figwidth() == pytest.approx(88 / 25.4)
+    assert figure.get_figheight() == pytest.approx(sum(each.get_figheight() for each in single))
+    (legend,) = figure.legends
+    assert [each.get_text() for each in legend.get_texts()] == ["one", "two", "reference", "φ", "θ"]
+    for axes, alone in zip((upper, lower), single, strict=True):
+        for mine, whole in zip(axes.lines, alone.axes[0].lines, strict=True):
+            assert np.array_equal(mine.get_xydata(), whole.get_xydata())
+
+
 def saved(figure, kind):
     content = BytesIO()
     figure.savefig(content, format=kind)
@@ -273,6 +289,11 @@ def test_a_panel_that_is_none_and_a_width_of_no_page_are_one_line():
         pictures.panel(runs, "err", PLATE, 88)
     with pytest.raises(ScenarioError, match=r"panel '3': unknown"):
         pictures.panel(runs, 3, PLATE, 88)
+    for names in ([], ["error", "error"]):
+        with pytest.raises(ScenarioError, match="give one or more panels, each once"):
+            pictures.panel(runs, names, PLATE, 88)
+    with pytest.raises(ScenarioError, match="panel 'path': unknown"):
+        pictures.panel(runs, ("error", "path"), PLATE, 88)
     for width in (math.nan, 0, 401, "88", None):
         with pytest.raises(ScenarioError, match="width_mm: must be 30 to 400"):
             pictures.panel(runs, "error", PLATE, width)

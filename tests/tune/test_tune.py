@@ -18,7 +18,7 @@ from twin.scenario import load
 from twin.scenario.schema import choices
 from twin.study.experiments import Store
 from twin.study.schema import draw_rigs, read_family
-from twin.tune.report import settings, toml
+from twin.tune.report import describe_failures, settings, toml
 from twin.tune.search import certify, upper_bound
 from twin.tune.trials import Indicators, Trials, Tune, read
 
@@ -169,6 +169,19 @@ def test_the_bound_is_that_of_clopper_and_pearson(failures):
     assert stats.binom.cdf(failures, 60, upper_bound(failures, 60)) == pytest.approx(0.05)
     assert upper_bound(failures, 60) > upper_bound(failures, 61)
     assert upper_bound(60, 60) == 1.0
+
+
+def test_a_certificate_in_words_excludes_what_it_does_and_no_more():
+    def words(failures, rigs):
+        bound = upper_bound(failures, rigs)
+        certificate = {"failures": failures, "rigs": rigs, "failure_rate_below": bound}
+        return describe_failures(certificate)
+
+    assert words(3, 3) == "3 of 3 lost, which excludes no share of all such rigs"
+    assert words(0, 60) == (
+        "0 of 60 lost, so with 95 % confidence fewer than 4.9 % of all such rigs are"
+    )
+    assert "fewer than 99.9 % of" in words(59, 60)
 
 
 def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():

@@ -118,9 +118,9 @@ class Code:
 Block = Text | Verdict | Table | Picture | Code
 
 
-def html(title: str, blocks: Sequence[Block]) -> str:
-    """One HTML file that needs nothing else."""
-    return _template().render(title=title, blocks=blocks)
+def html(title: str, blocks: Sequence[Block], language: str = "en") -> str:
+    """One HTML file that needs nothing else, in a language."""
+    return _template().render(title=title, blocks=blocks, language=language)
 
 
 def fragment(title: str, blocks: Sequence[Block]) -> str:

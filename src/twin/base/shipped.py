@@ -122,9 +122,11 @@ def nearest_neighbour(path: Path) -> str:
         there = sorted(each.name for each in path.parent.iterdir() if each.name[0] != ".")
     longer = [each for each in there if each.startswith(path.name)]
     begun = longer if len(path.name) >= MIN_BEGINNING else []
+    words = set(path.name.split("-"))
+    with_more = [each for each in there if len(words) > 1 and words < set(each.split("-"))]
     stems = {Path(each).stem: each for each in there}
     like = get_close_matches(path.stem, stems, n=1, cutoff=MIN_FILE_LIKENESS)
-    near = begun or [stems[stem] for stem in like]
+    near = begun or with_more or [stems[stem] for stem in like]
     return f"; did you mean '{path.parent / near[0]}'?" if near else ""
 
 

@@ -40,6 +40,21 @@ def check_writable(folder: Path, option: str = "--out") -> Path:
     return folder
 
 
+def check_writable_file(file: Path, option: str = "--out") -> Path:
+    """Check before the work that a file can be written; arguments as of ``check_writable``.
+
+    Returns:
+        The file.
+
+    Raises:
+        ScenarioError: If it is a folder, or its folder cannot be made or written.
+    """
+    if file.is_dir():
+        raise ScenarioError(f"{option} {file}: is a folder; give a file")
+    check_writable(file.parent, option)
+    return file
+
+
 @contextmanager
 def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
     """Make sure that no other process writes into a folder within the context.

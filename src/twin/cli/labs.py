@@ -202,6 +202,12 @@ def _text(key: Path | None) -> str | None:
     return text
 
 
+def _warn_of_practice(lab: Lab, key: Path | None) -> None:
+    """Warn a lecturer who draws or grades the rigs of a class without its key."""
+    if key is None and lab.variant is not None:
+        warn("without --key the rigs are for practice: every student can draw all of them")
+
+
 def _refuse_missing(answer: Path | None, name: str, *, graded: bool) -> None:
     """Report an answer that does not exist, before anything heavy is loaded.
 
@@ -305,7 +311,13 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
     """
     _refuse_missing(how["answer"], how["lab"], graded=form is not None)
     from ballplate.lab import check as judge
-    from twin.base.writing import write_whole
+    from twin.base.writing import check_writable_file, write_whole
+
+    if form is not None and out is None:
+        raise ScenarioError(f"--as {form}: needs --out, the file to write the result to")
+    for option, file in (("--out", out), ("--page", how["page"])):
+        if file is not None:
+            check_writable_file(file, option)
     from twin.lab.grade import format_result, table
 
     result = judge(**how, key=_text(key))
@@ -331,6 +343,7 @@ def variants(
     from twin.lab.schema import hand_out
     from twin.lab.schema import students as named
 
+    _warn_of_practice(lab, key)
     people, folder = named(students), out or Path(f"variants-{lab.name}")
     places = {student: student for student in people}
     hand_out(lab, places, _text(key), folder, notebook=notebook)
@@ -361,7 +374,10 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     from twin.lab.handed_in import collect
     from twin.lab.schema import students
 
+    if out.suffix != ".csv":
+        raise ScenarioError(f"--out {out}: must end in .csv")
     names = students(people) if people else None
+    _warn_of_practice(lab, given["key"])
     processes, key = given["processes"] or cores(), _text(given["key"])
     collected, kept = collect(lab, folder, names or ()), out.with_suffix(".results")
     handed_in = collected.submissions
@@ -441,5 +457,7 @@ def pack(out: Path, key: Path | None, **given: Any) -> int:
     from twin.lab.grade import pack as packed
 
     packed(out=out, key=_text(key), **given)
+    if given["system"] != "folder":
+        _warn_of_practice(given["lab"], key)
     say(f"{out} written")
     return 0

@@ -19,7 +19,7 @@ from ballplate.rig_access import EMULATED_RIG, rig_of
 from twin.base.errors import LogError, RigError, ScenarioError
 from twin.base.jobs import cores
 from twin.base.page import Table
-from twin.base.writing import check_writable, write_whole
+from twin.base.writing import check_writable, check_writable_file, write_whole
 from twin.cli import options
 from twin.cli.output import (
     TERMINAL,
@@ -326,10 +326,8 @@ def safety(
     cases = choose_cases(words)
     if out is not None and only_list:
         raise ScenarioError("--out: not allowed with --list, which injects no fault")
-    if out is not None and out.is_dir():
-        raise ScenarioError(f"--out {out}: is a folder; give a file, as in sheet.csv")
     if out is not None:
-        check_writable(out.parent)
+        check_writable_file(out)
     if only_list:
         named = {row: name for name, row in MATRIX_ROWS.items()}
         listed = [

@@ -264,6 +264,8 @@ def sweep(
     from twin.scenario.variations import parse_variations, swept
 
     (key, points), curves = swept(values), parse_variations(vary)
+    if key in curves:
+        raise ScenarioError(f"--vary {key}: is what the sweep varies; name another key")
     named = (values.replace(":", ".."), *vary, *overrides)
     folder = out or run_folder(f"sweep-{Path(scenario).stem}", named)
     done = run_sweep(

@@ -160,6 +160,11 @@ def identify(
     if how["columns"] is None and (surveyed := _survey_unknown(files[0], how["separator"])):
         show(surveyed.as_dict(), _describe_survey(surveyed))
         return 1
+    for name in ("on", "ball_height"):
+        if how["columns"] is None and how[name] is not None:
+            raise ScenarioError(
+                f"--{name.replace('_', '-')}: needs --columns; a run states its rig"
+            )
     hold_out = _held_out(held)
     from ballplate.identifying import identify as identify_log
     from twin.identify.report import TABLE_HEADINGS, rows
@@ -338,6 +343,7 @@ def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:
     Raises:
         LogError: If there is no such ball, role or unit, or a log has other columns than those
             that this program knows, or a ball is given for a run.
+        ScenarioError: If a separator is given for a run.
     """
     from twin.identify.logs import ball_factor, wanted_columns
 
@@ -355,6 +361,8 @@ def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:
                 f"{file.name}: has no columns of the names that this program knows (it has "
                 f"{has}); try: {surveyed.command}"
             )
+    if how["separator"] is not None:
+        raise ScenarioError("--separator: with --columns only")
 
 
 FURTHER_HELP = "A further future, with these changes in addition to --set; repeatable."

@@ -8,6 +8,7 @@ the board, is reported in every run.
 
 from __future__ import annotations
 
+import inspect
 import math
 import runpy
 import sys
@@ -367,12 +368,30 @@ def _load(named: str, options: Mapping[str, Any], base: type[Own], key: str) -> 
     try:
         kind = runpy.run_path(file).get(name)
         if isinstance(kind, type) and issubclass(kind, base):
+            _check_options(kind, options, key)
             return kind(**options)
+    except ScenarioError:
+        raise
     except (Exception, SystemExit) as error:
         raise ScenarioError(f"{key}: {_describe_error(error, file)}") from error
     raise ScenarioError(
         f"{key}: {file} has no class {name!r} derived from ballplate.hardware.{base.__name__}"
     )
+
+
+def _check_options(kind: type, options: Mapping[str, Any], key: str) -> None:
+    """Make sure that a class can be made with its options of the rig file.
+
+    Raises:
+        ScenarioError: If one is missing, or one too many.
+    """
+    signature = inspect.signature(kind)
+    try:
+        signature.bind(**options)
+    except TypeError as error:
+        where = "own.options" if key == "backend" else key.replace("backend", "options")
+        takes = ", ".join(signature.parameters) or "none"
+        raise ScenarioError(f"{where}: {error} (options of {kind.__name__}: {takes})") from None
 
 
 def _describe_error(error: BaseException, file: str) -> str:

@@ -190,7 +190,9 @@ def _devices(
     yield from computer(scenario, rig)
     if rig.backend is not None:
         check = own(scenario, rig, move=move, ball=ball)
-        yield from report_errors(check, "backend", "fix its class (docs/your-rig.md)")
+        yield from report_errors(
+            check, "backend", "fix its class or its options (docs/your-rig.md)"
+        )
         return
     if rig.has_lumio:
         screen = LumioScreen(rig.screen())

@@ -85,7 +85,7 @@ def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[Plan
             raise ScenarioError(
                 f"{option} '{text:.60}': the time must be 0 to {duration:g} s, got {time:g}"
             )
-        if math.isnan(time):
+        if math.isnan(time) or not named.strip():
             example = "'SECONDS LINE', as in '3.0 unplug'"
             raise ScenarioError(
                 f"{option} '{text:.60}': write {example}, with 0 to {duration:g} seconds"

@@ -169,7 +169,7 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
         for file in filter(Path.is_file, like.folder.rglob("*")):
             if "__pycache__" not in file.parts and not file.name.endswith("key.txt"):
                 content = file.read_bytes()
-                if file.suffix in (".md", ".toml"):
+                if file.suffix in (".md", ".toml", ".py"):
                     content = _rename_in(file, like.name, name).encode()
                 write_whole(inner / file.relative_to(like.folder), content)
 
@@ -177,11 +177,11 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
 
 
 def _rename_in(file: Path, old: str, new: str) -> str:
-    """The text of a file of a lab for the lab's copy: its name, and commands with it."""
+    """The text of a file of a lab for the lab's copy: its name wherever it is named."""
     text = file.read_text(encoding="utf-8-sig")
     if file.name == "lab.toml":
         text = re.sub(r"(?m)^name\s*=.*$", f'name = "{new}"', text, count=1)
-    return re.sub(rf"(ballplate lab \w+ ){re.escape(old)}\b", rf"\g<1>{new}", text)
+    return re.sub(rf"(ballplate lab \w+ |\bcd |\bLab `){re.escape(old)}\b", rf"\g<1>{new}", text)
 
 
 def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) -> None:
@@ -202,6 +202,8 @@ def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) 
         raise ScenarioError(f"--wheel {wheel}: not found")
     if out.exists():
         raise ScenarioError(f"--out {out}: exists; give a new one")
+    if system == "gradescope" and out.suffix != ".zip":
+        raise ScenarioError(f"--out {out}: must end in .zip")
     if system != "gradescope":
         write_folder(out, lambda inner: _fill(lab, system, inner, key, wheel))
         return
@@ -296,7 +298,8 @@ def student_page(
         replace(table({**result, "results": shown}), title=say("checks")),
         *show_drawing(judge, result, drawing or draw_worst_check(judge, shown)),
     ]
-    return html(f"{judge.lab.shown_title}: {result['student']}", blocks)
+    title = f"{judge.lab.shown_title}: {result['student']}"
+    return html(title, blocks, judge.lab.language)
 
 
 def draw_worst_check(judge: Judge, shown: Sequence[Result]) -> Drawing | None:
@@ -380,7 +383,9 @@ def class_page(
         blocks.append(Verdict(alike, good=False, title=say("alike_heading")))
     if scores:
         blocks.append(histogram(lab, [each["score"] for each in graded]))
-    if problems := [(each["student"], line) for each in found if (line := first_error(each))]:
+    if problems := [
+        (each["student"], line) for each in found if (line := first_error(each, lab.language))
+    ]:
         heads = (say("student"), say("why"))
         blocks.append(Table(say("not_graded"), heads, problems, words=(0, 1)))
     if left_out:
@@ -390,7 +395,8 @@ def class_page(
     numbers = map(str, range(1, len(checks) + 1))
     columns = (say("student"), say("points_heading"), *numbers)
     blocks.append(Table(say("marks_heading"), columns, marks))
-    return html(say("class_title", title=lab.shown_title, count=len(found)), blocks)
+    title = say("class_title", title=lab.shown_title, count=len(found))
+    return html(title, blocks, lab.language)
 
 
 def points_or_reason(check: Result, language: str) -> str:
@@ -400,8 +406,10 @@ def points_or_reason(check: Result, language: str) -> str:
     return f"0 {words(language)('zero_' + check['data']['ending'].replace(' ', '_'))}"
 
 
-def first_error(result: Result) -> str:
+def first_error(result: Result, language: str) -> str:
     """Why a submission could not be graded, or its first error; empty for none."""
+    if result.get("problem") == NOT_HANDED_IN:
+        return words(language)("not_handed_in")
     errors = [
         each["cause"]["rationale"]
         for each in result["results"]

@@ -230,17 +230,17 @@ class Page:
         self._inputs: list[Any] = []
         self._drives: bool | None = None
         self._touched = 0.0
-        ui.query("body").style("background:#eef1f4")
+        ui.add_css(PAGE_TABLES["style"])
         ui.query(".nicegui-content").style("padding:.6rem;gap:.5rem")
         with ui.row().classes("items-center").style("width:100%;gap:.1rem 1rem;padding:0 .5rem"):
             title = f"Driven by hand: {status.tables['title']}"
             ui.label(title).style("font-size:1.2rem;font-weight:600")
-            self._ended = ui.label().style("color:#b00020;font-weight:600")
+            self._ended = ui.label().style("color:var(--wrong);font-weight:600")
             ui.space()
             figures = "font-variant-numeric:tabular-nums"
             self._error = ui.label().style(figures).props("data-testid=error")
             self._clock = ui.label().style(figures)
-            self._role = ui.label().style("color:#5b6770")
+            self._role = ui.label().style("color:var(--faint)")
         # a narrow page, as on a phone, stacks these in a column
         with ui.row().style("width:100%;gap:1rem;align-items:stretch"):
             with ui.column().style("flex:99 1 20rem;min-width:0;gap:.5rem"):
@@ -267,9 +267,9 @@ class Page:
 
     def _legend(self) -> None:
         sign = "display:inline-block;width:.9rem;height:.9rem;border-radius:50%;margin-right:.3rem"
-        with ui.row().style("gap:.2rem 1.1rem;font-size:.85rem;color:#37424a"):
+        with ui.row().style("gap:.2rem 1.1rem;font-size:.85rem;color:var(--text)"):
             for style, text in PAGE_TABLES["legend"]:
-                html = f'<span style="{sign};{style}"></span>{text}'
+                html = f'<span class="drawn" style="{sign};{style}"></span>{text}'
                 ui.html(html, sanitize=False).style("display:flex;align-items:center")
 
     def _buttons(self) -> None:
@@ -352,7 +352,7 @@ class Page:
             for gain in gains(self._tables, table):
                 if gain.help:
                     about = ui.label(gain.help)
-                    about.style("font-size:.72rem;line-height:1.25;color:#5b6770")
+                    about.style("font-size:.72rem;line-height:1.25;color:var(--faint)")
                 bar, _ = self._slider(gain, MOVED)
                 bar.set_enabled(bool(self._drives))
 
@@ -389,7 +389,7 @@ class Page:
         self._pause.set_text("Go on" if status.paused else "Pause")
         self._pause.props(f"icon={'play_arrow' if status.paused else 'pause'}")
         self._message.text = status.message
-        self._message.style(f"color:{'#b00020' if status.wrong else '#37424a'}")
+        self._message.style(f"color:var({'--wrong' if status.wrong else '--text'})")
         if not self._touched:  # else one is just being moved
             for each in self._sliders:
                 self._set(*each)

@@ -10,7 +10,7 @@ const NS = "http://www.w3.org/2000/svg";
 
 export default {
   template: `
-    <svg ref="svg" :viewBox="box" style="width:100%;max-height:47vh;display:block;touch-action:none;user-select:none"
+    <svg ref="svg" class="drawn" :viewBox="box" style="width:100%;max-height:47vh;display:block;touch-action:none;user-select:none"
          @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up">
       <defs>
         <marker id="tip" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="4" markerHeight="4"

@@ -446,6 +446,7 @@ class Server:
             app,
             title="ballplate play",
             favicon="⚪",
+            dark=None,  # as the browser asks for
             tailwind=False,
             message_history_length=50,
             reconnect_timeout=RECONNECT_TIMEOUT_S,

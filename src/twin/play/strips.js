@@ -3,7 +3,7 @@ const SHOWN = 20; // seconds
 const LEFT = 46, RIGHT = 10, TOP = 22, GAP = 12, BOTTOM = 20;
 
 export default {
-  template: `<canvas ref="canvas" style="width:100%;height:100%;display:block"></canvas>`,
+  template: `<canvas ref="canvas" class="drawn" style="width:100%;height:100%;display:block"></canvas>`,
   props: { columns: Array, strips: Array },
   mounted() {
     this.rows = [];

@@ -5,10 +5,10 @@ const DEG = 180 / Math.PI;
 export default {
   template: `
     <div>
-      <div style="font-size:.8rem;color:#37424a">Side view{{ sides.length > 1 ? "s" : "" }}; tilt is drawn {{ steeper }} times as steep</div>
+      <div style="font-size:.8rem;color:var(--text)">Side view{{ sides.length > 1 ? "s" : "" }}; tilt is drawn {{ steeper }} times as steep</div>
       <div style="display:flex;flex-wrap:wrap;gap:.4rem">
       <div v-for="side in sides" :key="side.axis" style="flex:1 1 10rem">
-        <svg viewBox="-400 -235 800 470" :data-testid="'side-' + side.axis"
+        <svg class="drawn" viewBox="-400 -235 800 470" :data-testid="'side-' + side.axis"
              style="width:100%;display:block;background:#f4f6f8;border-radius:4px">
           <text v-if="sides.length > 1" x="-385" y="-190" font-size="40" fill="#37424a">{{ side.title }}</text>
           <text :ref="side.axis + 'Told'" x="-385" y="215" font-size="44" font-weight="bold" :fill="side.colour"/>

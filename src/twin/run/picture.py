@@ -238,59 +238,80 @@ class PaperFigure(Figure):
             super().savefig(fname, **options)
 
 
-def panel(runs: Mapping[str, Motion], name: str, plate: Dimensions, width_mm: float) -> PaperFigure:
-    """One panel of the picture by itself, for a paper or a thesis.
+def panel(
+    runs: Mapping[str, Motion], names: str | Sequence[str], plate: Dimensions, width_mm: float
+) -> PaperFigure:
+    """One panel of the picture, or several below each other, for a paper or a thesis.
 
     Args:
         runs: Label to motion, as for ``png``.
-        name: Which: a key of ``PANEL_PLACES``.
+        names: Which: keys of ``PANEL_PLACES``, from the top.
         plate: Screen and operating area.
-        width_mm: Width of the figure in mm; its height follows the panel's shape.
+        width_mm: Width of the figure in mm; its height follows the panels' shapes.
 
     Raises:
-        ScenarioError: If there is no such panel, or the width is not 30 to 400 mm.
+        ScenarioError: If there is no such panel, one is given twice, or the width is not 30 to 400
+            mm.
     """
-    tables = _panel_tables(plate)
-    if name not in tables:
-        known = nearest(str(name), PANEL_PLACES)
-        lacks = ": a rig of one axis has none" if name in PANEL_PLACES else f": unknown{known}"
-        raise ScenarioError(f"panel '{name!s:.40}'{lacks}")
+    chosen: list[Any] = list(names) if isinstance(names, list | tuple) else [names]
+    shapes = [_paper_shape(name, plate) for name in chosen]
+    if not chosen or len(set(chosen)) < len(chosen):
+        raise ScenarioError(f"panel {chosen}: give one or more panels, each once")
     if not isinstance(width_mm, Real) or not MIN_WIDTH_MM <= width_mm <= MAX_WIDTH_MM:
         limits = f"{MIN_WIDTH_MM:g} to {MAX_WIDTH_MM:g}"
         raise ScenarioError(f"width_mm: must be {limits}, got {width_mm!r}")
-    *_, wide, high = tables[name]["place"]
     with mpl.rc_context({**RC_PARAMETERS, "font.size": PAPER_FONT_PT}):
         width = width_mm / MM_PER_INCH
-        shape = high / wide if name == "plate" else max(high / wide, LEAST_SHAPE)
-        figure = PaperFigure(figsize=(width, width * shape), dpi=PICTURE_DPI, layout="constrained")
+        size = width, width * sum(shapes)
+        figure = PaperFigure(figsize=size, dpi=PICTURE_DPI, layout="constrained")
         FigureCanvasAgg(figure)
-        panels = {each: figure.add_subplot() for each in PANEL_PLACES}
+        rows = figure.add_gridspec(len(shapes), height_ratios=shapes)
+        panels = {each: figure.add_subplot(rows[0]) for each in PANEL_PLACES}
         _draw(panels, runs, plate)
-        entries = _panel_legend(panels["plate"], name, plate.axes)
-        for each in PANEL_PLACES.keys() - {name}:
+        entries = _panel_legend(panels["plate"], chosen, plate.axes)
+        for each in PANEL_PLACES.keys() - set(chosen):
             panels[each].remove()
-        for words in panels[name].texts:
-            words.remove()  # too large for it: plate and area are outlines that everybody knows
-        panels[name].set(title="", xlabel="x [mm]" if name == "plate" else "time [s]")
-        panels[name].tick_params(labelbottom=True)
-        if name == "error":
-            panels[name].set_ylabel("error [mm]")
+        for row, name in enumerate(chosen):
+            panels[name].set_subplotspec(rows[row])
+            for words in panels[name].texts:
+                words.remove()  # too large for it: plate and area are outlines that everybody knows
+            panels[name].set(title="", xlabel="x [mm]" if name == "plate" else "time [s]")
+            panels[name].tick_params(labelbottom=True)
+        if "error" in chosen:
+            panels["error"].set_ylabel("error [mm]")
         if len(entries) > 1:
             figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=3)
         figure.draw_without_rendering()
     return figure
 
 
-def _panel_legend(plate: Axes, name: str, axes: int) -> list[tuple[Artist, str]]:
-    """The entries of the legend of a single panel, from those of the whole picture."""
+def _paper_shape(name: str, plate: Dimensions) -> float:
+    """Height of a panel by itself as a share of its width.
+
+    Raises:
+        ScenarioError: If there is no such panel.
+    """
+    tables = _panel_tables(plate)
+    if not isinstance(name, str) or name not in tables:
+        known = nearest(str(name), PANEL_PLACES)
+        lacks = ": a rig of one axis has none" if name in PANEL_PLACES else f": unknown{known}"
+        raise ScenarioError(f"panel '{name!s:.40}'{lacks}")
+    *_, wide, high = tables[name]["place"]
+    shape = float(high / wide)
+    return shape if name == "plate" else max(shape, LEAST_SHAPE)
+
+
+def _panel_legend(plate: Axes, names: Sequence[str], axes: int) -> list[tuple[Artist, str]]:
+    """The entries of the legend of single panels, from those of the whole picture."""
+    shown = set(names)
     entries: list[tuple[Artist, str]] = []
     for handle, label in zip(*plate.get_legend_handles_labels(), strict=True):
         if isinstance(handle, FillBetweenPolyCollection):
-            if name in MARKED_PANELS:
+            if not shown.isdisjoint(MARKED_PANELS):
                 entries.append((handle, "held by friction"))
-        elif label != REFERENCE_LABEL or name not in HAVE_NO_REFERENCE:
+        elif label != REFERENCE_LABEL or shown - set(HAVE_NO_REFERENCE):
             entries.append((handle, label))
-    if name in ("angle", "effort") and axes == 2:
+    if shown & {"angle", "effort"} and axes == 2:
         entries.append((Line2D([], [], color="black"), "φ"))
         entries.append((Line2D([], [], color="black", **SECOND_AXIS_STYLE), "θ"))
     return entries

@@ -39,9 +39,14 @@ def parse_variations(vary: Sequence[str]) -> dict[str, list[Any]]:
     A value may be a table, as ``controller=[{kind="afl"}, {kind="lqr", rho=100}]``.
 
     Raises:
-        ScenarioError: If a text is neither.
+        ScenarioError: If a text is neither, or two have the same key.
     """
-    return dict(map(_parse_variation, vary))
+    found: dict[str, list[Any]] = {}
+    for key, values in map(_parse_variation, vary):
+        if key in found:
+            raise ScenarioError(f"vary {key}: is given twice; give all its values in one list")
+        found[key] = values
+    return found
 
 
 def swept(text: str) -> tuple[str, list[Any]]:

@@ -96,10 +96,13 @@ def sentences(found: TuneResult) -> list[str]:
 
 def describe_failures(certificate: dict[str, Any]) -> str:
     """Failures and their bound in words."""
+    failures, rigs = certificate["failures"], certificate["rigs"]
     bound = 100 * certificate["failure_rate_below"]
+    if failures == rigs:
+        return f"{failures} of {rigs} lost, which excludes no share of all such rigs"
     return (
-        f"{certificate['failures']} of {certificate['rigs']} lost, so with {BOUND_CONFIDENCE:.0%} "
-        f"confidence fewer than {bound:.2g} % of all such rigs are"
+        f"{failures} of {rigs} lost, so with {100 * BOUND_CONFIDENCE:g} % confidence fewer than "
+        f"{bound:.{2 if bound < 99 else 3}g} % of all such rigs are"
     )
 
 

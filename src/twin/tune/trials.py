@@ -21,7 +21,7 @@ from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.run.assemble import build_controller, own_errors
 from twin.run.files import MOTION_INDICATORS, nearest_indicator
-from twin.scenario import Scenario
+from twin.scenario import Scenario, load
 from twin.scenario.load import setting
 from twin.scenario.schema import at_study_step
 from twin.study.experiments import Store, evaluate
@@ -390,6 +390,7 @@ class Trials:
         """Where the fields begin, each a value that its range holds."""
         build = self._builder(self.tune.tasks[0].scenario)
         fixed = (*self.tune.set, *self.tune.tasks[0].set)
+        load(self.tune.tasks[0].scenario, fixed)  # a wrong change is no error of a field
         found: Point = {}
         for key, about in self.tune.fields.items():
             try:

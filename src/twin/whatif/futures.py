@@ -233,7 +233,7 @@ def moment_of(
         else:
             log = read_any(path, wanted_columns(columns), separator).on(chosen)
         return estimate_moment(path.stem, make_replayable(log, chosen, at), chosen, at)
-    options = {"scenario": scenario, "on": settings, "columns": columns}
+    options = {"scenario": scenario, "on": settings, "columns": columns, "separator": separator}
     if given := [name for name, value in options.items() if value]:
         raise RecordError(
             f"--{given[0]}: {path} is a record, which states what ran; remove this option"
