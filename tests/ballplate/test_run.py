@@ -215,6 +215,16 @@ def test_a_point_beyond_the_area_is_said_where_the_run_ends_before_it(reference,
     assert found is None if line is None else found.startswith(line)
 
 
+@pytest.mark.parametrize(
+    ("points", "line"),
+    [("[[0, 0], [0.01, 9]]", None), ("[[0, 0], [9, 0]]", "reference.points: 9 m is beyond")],
+)
+def test_on_one_axis_no_y_is_beyond_the_area(points, line):
+    reference = f"reference={{kind='path', points={points}, duration=99}}"
+    found = beyond_area(load("line", ["parameters=tube", "duration=1", reference]))
+    assert found is None if line is None else found.startswith(line)
+
+
 HOBBY = "cure parameters=hobby"  # a lag of 60 ms and 30 ms of dead time
 SLOW = "cure plant.servo.bandwidth_hz=8.0 sensors.touch.dead_time=0.055"  # 20 ms and 13 ms
 BLIND = "observer.plate=modelled"

@@ -92,7 +92,7 @@ def test_a_trace_whose_writer_was_killed_says_so_in_run_report_and_trace(
 
     monkeypatch.setattr(running, "open_rig", simulated)
     told, short = Warned(), {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
-    done = bp.run("hold", on="my.toml", out=tmp_path / "run", reporter=told, **short)
+    done = bp.run("hold", on="emulated", out=tmp_path / "run", reporter=told, **short)
     lacks = "30 of 130 frames are missing: the process that writes it ended before"
     assert [lacks in line for line in told.warnings] == [True]
     assert lacks in done.summary()["incomplete"][0]
@@ -195,7 +195,7 @@ kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 chosen = (lambda *_: kill) if sys.argv[3].endswith("_begin_clean_run") else kill
 pytest.MonkeyPatch().setattr(sys.argv[3], chosen)
 pytest.MonkeyPatch().setattr("ballplate.running.open_rig", test_evidence.in_lockstep)
-bp.run("hold", {"baseline": True}, on="my.toml", out=sys.argv[2])
+bp.run("hold", {"baseline": True}, on="emulated", out=sys.argv[2])
 """
 
 
@@ -224,7 +224,7 @@ def test_a_rigs_run_is_kept_with_its_end_before_its_clean_model_begins(tmp_path,
     monkeypatch.setattr(running, "write_trace", lambda *_, **__: nullcontext(lambda _: None))
     monkeypatch.setattr(running, "_begin_clean_run", lambda *_: lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        bp.run("hold", {"baseline": True}, on="my.toml", out=tmp_path / "run")
+        bp.run("hold", {"baseline": True}, on="emulated", out=tmp_path / "run")
     check_end(tmp_path / "run")
 
 

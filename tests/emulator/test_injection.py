@@ -76,7 +76,7 @@ def test_faults_of_drives_are_those_of_the_named_axis():
         ("-1 unplug", "the time must be 0 to 5 s, got -1"),
         ("nan unplug", "with 0 to 5 seconds"),
         ("1 unplg", "no fault 'unplg'; did you mean 'unplug'?"),
-        ("1", "no fault ''"),
+        ("1", "write 'SECONDS LINE', as in '3.0 unplug', with 0 to 5 seconds"),
         ("1 SYNC lots", "no fault 'SYNC lots'; did you mean 'SYNC lost'?"),
         ("1 touch 1", "how: touch X Y, in mm"),
         ("1 touch nan 0", "'nan': must be a number, -1000 to 1000"),

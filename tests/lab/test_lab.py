@@ -631,10 +631,10 @@ def test_a_key_in_the_folder_of_a_lab_goes_to_nobody(tmp_path: Path) -> None:
         }  # fmt: skip
         assert holds == ({"key.txt"} if system == "classroom50" else set())
     (folder / "readme.txt").write_text(f"the key is {KEY}\n")
-    for system in ("folder", "gradescope"):
+    for system, name in (("folder", "again"), ("gradescope", "again.zip")):
         with pytest.raises(ScenarioError, match=r"readme\.txt: contains the course's key"):
-            pack(read(folder), system, tmp_path / f"{system} again", KEY, None)
-        assert not (tmp_path / f"{system} again").exists()
+            pack(read(folder), system, tmp_path / name, KEY, None)
+        assert not (tmp_path / name).exists()
 
 
 def test_an_answer_of_another_kind_is_named(tmp_path: Path) -> None:

@@ -164,8 +164,9 @@ def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
     assert "| learning, nothing was identified | 0 of 1 (0 to 79 %) | 2.50 |" in text
     assert "| 1 | circle | 33.3 | cams |" in text
     assert "1 rigs gave no verdict" in text
-    timely = "Of the others in time: 2 of 3 (21 to 94 %); of these with the right cause: 1 of 2"
-    assert timely in text
+    assert "Of the others in time (within " in text
+    right = "2 of 3 (21 to 94 %); of these with the right cause among those named: 1 of 2"
+    assert f": {right}" in text
     assert "| 0 | rolling | rolling friction +30 % | 5.0 | yes |" in text
     assert "| 3 | rolling | level 0.1 deg, along a ramp | 29.0 | yes | cams | no |" in text
 

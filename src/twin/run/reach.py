@@ -24,17 +24,21 @@ def beyond_area(scenario: Scenario) -> str | None:
     A reference that reaches it within the run is refused (``assemble.build_reference``); one that
     only ends earlier is not.
     """
-    choice, area = scenario.reference, scenario.rig.limits.area
+    choice, axes = scenario.reference, scenario.plant.axes
+    area = scenario.rig.limits.area[:axes]
     cls: Any = choices("reference")[choice.kind]
     for name in cls.lengths:
         length = choice.settings.get(name, getattr(cls, name, None))
-        for place in np.atleast_2d(np.asarray(length, float))[:, -2:]:  # a goal has its time first
+        # a goal has its time first, and on one axis a y that is not used
+        for place in np.atleast_2d(np.asarray(length, float))[:, -2:][:, :axes]:
             limits = area if len(place) == len(area) else max(area)
             if np.any(np.abs(place) > limits):
-                stated = ", ".join(f"{each:g}" for each in place)
+                stated, allowed = (
+                    ", ".join(f"{each:g}" for each in some) for some in (place, area)
+                )
                 return (
-                    f"reference.{name}: {stated} m is beyond rig.limits.area = {area[0]:g}, "
-                    f"{area[1]:g} m; in {scenario.duration:g} s the reference does not get there"
+                    f"reference.{name}: {stated} m is beyond rig.limits.area = {allowed} m; "
+                    f"in {scenario.duration:g} s the reference does not get there"
                 )
     return None
 
