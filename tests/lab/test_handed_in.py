@@ -427,6 +427,14 @@ def test_a_hyphenated_name_is_nobody_elses(lab: Lab, handed_in: Path) -> None:
     assert "not in the class" in graded(lab, handed_in, ["ann"])["mary-ann"]["problem"]
 
 
+def test_a_name_with_a_number_is_nobody_elses(lab: Lab, handed_in: Path) -> None:
+    put(handed_in / "mary_ann_2" / "answer.toml")
+    put(handed_in / "ann" / "answer.toml")
+    found = graded(lab, handed_in, ["ann", "bob"])
+    assert "not in the class" in found["mary_ann_2"]["problem"]
+    assert not found["ann"]["problem"]
+
+
 def test_a_packed_answer_is_to_be_unpacked_whatever_its_name(lab: Lab, handed_in: Path) -> None:
     put(handed_in / "ann" / "answer.zip")
     (found,) = collect(lab, handed_in).submissions

@@ -258,7 +258,7 @@ def _in_class(folder: Path, people: Collection[str]) -> str:
         each
         for each in people
         if (repository and name.endswith(f"-{each}"))
-        or (login and f"_{login[1]}".endswith(f"_{each}"))
+        or (login and login[1].endswith(f"_{each}"))
     ]
     return name if name in people else max(found, key=len, default=name)
 

@@ -711,6 +711,22 @@ def test_a_block_may_be_sent_again_lost_or_given_up(rows, words):
     assert told.observed.strays == []
 
 
+@pytest.mark.parametrize("kept", [3, 4, 5])
+def test_a_block_download_that_stalls_leaves_the_requests_after_it(kept):
+    heard = block(b"a name of 20 letters", writes=True)[:kept]  # 3 segments, acknowledgement, end
+    after = ["4064600000000000", "4041600000000000", "2b40600006000000"]
+    for k, request in enumerate(after):
+        answer = ("43" if request[0] == "4" else "60") + request[2:8] + "05000000"
+        heard += [frame(9.0 + k, 0x605, request), frame(9.1 + k, 0x585, answer)]
+    told = said(*heard)
+    assert told.observed.strays == []
+    assert [each.key for each in told.observed.transfers if each.good] == [
+        (0x6064, 0),
+        (0x6041, 0),
+        (0x6040, 0),
+    ]
+
+
 def test_a_device_may_answer_a_block_transfer_without_blocks():
     told = said(*sdo(">a00810007f", "<4308100045504f53"))
     assert texts(told, "SDO") == ['reads 1008h Device name of node 5: "EPOS"']

@@ -25,6 +25,12 @@ def begins_block(data: bytes) -> bool:
     return steps is not None and not data[0] & steps
 
 
+def begins_transfer(data: bytes) -> bool:
+    """Whether a client's frame has the form of one that begins a transfer of any kind."""
+    reads = data[0] == UPLOAD << 5 and not any(data[4:])
+    return reads or data[0] >> 5 == DOWNLOAD or begins_block(data)
+
+
 @dataclass
 class OpenTransfer:
     """A transfer under way.
@@ -88,11 +94,15 @@ class OpenTransfer:
         if not (self.block and self.answered) or data[0] == _ABORT_BYTE:
             return False
         if asks is self.writes and self.whole:
+            if data[0] >> 5 != BLOCK_DOWNLOAD or data[0] & 3 != _BLOCK_END:
+                return False
             self.data = self.data[: len(self.data) - (data[0] >> 2 & 7)]
         elif asks is self.writes:
             if data[0] & ~_LAST_SEGMENT == len(self.segments) + 1:
                 self.segments.append(data[1:])
                 self.last = bool(data[0] & _LAST_SEGMENT)
+            elif asks and begins_transfer(data):
+                return False
         elif data[0] >> 5 != BLOCK_UPLOAD:
             return False
         elif data[0] & 3 == _BLOCK_ACKNOWLEDGED:

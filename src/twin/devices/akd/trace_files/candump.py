@@ -115,8 +115,13 @@ def _settle_times(frames: list[TracedFrame | None], notes: Notes, *, short: bool
 
 
 def _seconds_of(day: str | None, seconds: str | None) -> float:
-    """A time in s by its date or its seconds; NaN without both."""
-    return datetime.fromisoformat(day).timestamp() if day else float(seconds or math.nan)
+    """A time in s by its date or its seconds; NaN without both, or with a date that is none."""
+    if day is None:
+        return float(seconds or math.nan)
+    try:
+        return datetime.fromisoformat(day).timestamp()
+    except ValueError:
+        return math.nan
 
 
 def _read_head(text: str) -> tuple[str, int, bool, bool] | None:
