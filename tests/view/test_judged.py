@@ -142,6 +142,20 @@ def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():
     assert "moved for" not in cut
     assert cut.startswith("Cannot tell: gaps cut the log up, and only 0 of its 25 usable seconds")
     assert gaps.startswith("263 gaps")
+    learned = seen | {"taught": "The first 20 s moved the twin to this log."}
+    assert sentences(SimpleNamespace(**learned, gaps=np.zeros((0, 2)))) == [still]  # it never moved
+
+
+def test_a_twin_that_learned_calls_healthy_only_what_came_later(monkeypatch):
+    monkeypatch.setattr("twin.shadow.report.indistinguishable", lambda _: [])
+    seen = {"verdict": "healthy", "moved_s": 40.0, "length": 60.0, "alarms": [], "wall_note": ""}
+    seen |= {"score_median": None, "inside_band": None, "error_1s": None, "replays": None}
+    gaps, moved = np.zeros((0, 2)), "The first 20 s moved the twin to this log."
+    (known,) = sentences(SimpleNamespace(**seen, taught="", gaps=gaps))
+    assert known.startswith("Healthy as far as the log shows: in 40 of its 60")
+    later, how = sentences(SimpleNamespace(**seen, taught=moved, gaps=gaps))
+    assert later.startswith("Healthy as far as the log shows after its first 20 s: in 40 of its 60")
+    assert how == moved
 
 
 def test_a_scenario_that_is_cut_short_is_the_beginning_of_the_whole(whole):

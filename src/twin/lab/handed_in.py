@@ -257,8 +257,7 @@ def _in_class(folder: Path, people: Collection[str]) -> str:
     found = [
         each
         for each in people
-        if (repository and name.endswith(f"-{each}"))
-        or (login and login[1].endswith(f"_{each}"))
+        if (repository and name.endswith(f"-{each}")) or (login and login[1].endswith(f"_{each}"))
     ]
     return name if name in people else max(found, key=len, default=name)
 

@@ -458,11 +458,12 @@ def taught(before: Belief, after: Belief) -> str:
     levels = np.degrees([new[name] - old[name] for name in LEVELS[: after.scenario.plant.axes]])
     level = " and ".join(f"{each:+.2f}" for each in levels)
     return (
-        f"The first {LEARNING_S:g} s taught the twin what its identification left open (rolling "
+        f"The first {LEARNING_S:g} s moved the twin to this log (rolling "
         f"friction {100 * (new['rolling'] / old['rolling'] - 1):+.0f} %, dead time "
         f"{1000 * (new['delay'] - old['delay']):+.0f} ms, level {level} deg, tilt gain "
         f"{100 * (new['gain'] / old['gain'] - 1):+.0f} %, a screen "
-        f"uneven by {after.scenario.plant.surface.spread_percent:g} %); the remainder is evaluated."
+        f"uneven by {after.scenario.plant.surface.spread_percent:g} %): its identification left "
+        "that open, or the rig has changed since; only what comes later is evaluated."
     )
 
 

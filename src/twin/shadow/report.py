@@ -198,9 +198,10 @@ def sentences(found: Shadow) -> list[str]:
     moved_s, length = found.moved_s, found.length
     words = []
     if found.verdict == "healthy":
+        since = f" after its first {LEARNING_S:g} s" if found.taught else ""
         words.append(
-            f"Healthy as far as the log shows: in {moved_s:.0f} of its {length:.0f} usable seconds "
-            "the ball moved, and nothing but the twin is needed to explain it."
+            f"Healthy as far as the log shows{since}: in {moved_s:.0f} of its {length:.0f} usable "
+            "seconds the ball moved, and nothing but the twin is needed to explain it."
         )
     elif found.verdict == "cannot tell" and len(found.gaps):
         words.append(
@@ -216,7 +217,7 @@ def sentences(found: Shadow) -> list[str]:
         )
     if found.verdict == "healthy":
         words += indistinguishable(found)
-    words += [found.taught] if found.taught else []
+    words += [found.taught] if found.taught and found.verdict != "cannot tell" else []
     words += [f"Reality has left the model. Alarm at {alarm.words}." for alarm in found.alarms]
     score, inside, error = found.score_median, found.inside_band, found.error_1s
     if found.replays is not None and score is not None:
