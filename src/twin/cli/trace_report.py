@@ -32,7 +32,7 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
     yield f"{heading}; {verdict.count}" if verdict.count else heading
     located = zip(verdict.findings, verdict.places, strict=True)
     for number, (finding, place) in enumerate(located, 1):
-        when = f"{finding.time:.3f} s" if timed else f"frame {finding.time:.0f}"
+        when = _time_words(finding.time, timed=timed)
         line = f"  {finding.code}  {when}  {place}: {finding.text}"
         yield ""
         yield Text.assemble(
@@ -49,6 +49,11 @@ def verdict_lines(verdict: Verdict, heading: str, *, timed: bool) -> Iterator[Te
         for head, words in rows.items():
             if words:
                 yield f"      {head:<8}{words}"
+
+
+def _time_words(time: float, *, timed: bool) -> str:
+    """A time of a trace in s, or the number of a frame where there are no times."""
+    return f"{time:.3f} s" if timed else f"frame {time:.0f}"
 
 
 MAX_FRAMES_SHOWN = 8
@@ -70,7 +75,10 @@ def node_tables(found: dict[str, Any]) -> list[Table]:
                 if states
             ),
             format_counts(node["transfers"]),
-            "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
+            "; ".join(
+                f"{_time_words(each['time'], timed=found['timed'])} {each['text']}"
+                for each in node["faults"]
+            ),
         )
         for node in nodes
     ]

@@ -288,6 +288,9 @@ def test_a_boot_up_in_the_middle_is_found_unless_it_was_commanded():
     reset = frame(2.1, 0x000, "8105")
     assert found(*boot, reset) == []
     assert found(frame(-0.1, 0x705, "00"), *BEATS) == []  # the first frame of a node
+    # one answers a reset, the next one does not
+    answer = [frame(1.8, 0x000, "8105"), frame(1.85, 0x705, "00")]
+    assert [each.code for each in assessed(*answer, *boot).findings] == ["boot-up"]
 
 
 def test_a_drive_that_is_reset_while_it_has_torque_is_found():

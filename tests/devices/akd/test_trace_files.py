@@ -4,6 +4,7 @@ One conversation in the form of every program: the same frames come back, to its
 
 import gc
 import gzip
+import json
 import re
 import struct
 import sys
@@ -111,6 +112,19 @@ def test_a_terminal_without_times_numbers_the_frames(tmp_path):
     assert not found.timed
     assert [each.timestamp for each in found.frames] == list(range(len(HEARD)))
     assert found.remarks == ["a.log: has no times: frames are numbered in their place"]
+
+
+def test_without_times_every_place_is_the_number_of_a_frame_from_1(tmp_path, capsys):
+    lines = ["701#00", "701#05", "701#7F", "081#2173200000000000", "701#7F"]
+    (tmp_path / "a.log").write_text("".join(f"can0 {line}\n" for line in lines))
+    _, out, _ = called(capsys, "trace", str(tmp_path / "a.log"), "--all", "--json")
+    found = json.loads(out)
+    (fault,) = found["nodes"]["1"]["faults"]
+    assert fault["time"] == 4
+    assert "in frame 4:" in found["verdict"]["headline"]
+    shown = " ".join(called(capsys, "trace", str(tmp_path / "a.log"), "--all")[1].split())
+    assert "4.000 s" not in shown
+    assert "frame 4 7321h" in shown
 
 
 def test_without_times_none_is_told(tmp_path, capsys):

@@ -340,7 +340,7 @@ class Conversation:
         """Nodes that sent something, by number."""
         self.series: dict[tuple[int, Key], Series] = {}
         """What PDOs carried, by node and object."""
-        self.begin = heard[0].timestamp
+        self.begin = heard[0].timestamp - (0.0 if timed else 1.0)  # frames are numbered from 1
         """Time of the first frame, s, as the trace has it."""
         self.duration = heard[-1].timestamp - self.begin
         """Seconds from the first frame to the last."""

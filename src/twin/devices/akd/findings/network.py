@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -116,8 +117,11 @@ def find_boot_ups(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
             before = bisect_left(frames, boot.frame) - 1
             if boot.value != _BOOT_UP or before < 0:
                 continue
-            how = "without a command"
-            if was_commanded(trace, node, boot.time, RESET_S, _RESETS):
+            how, within = "without a command", RESET_S
+            if changes[k - 1].value != _BOOT_UP:  # a reset before the last boot-up is answered
+                last = (each.time for each in changes[:k] if each.value == _BOOT_UP)
+                within = min(within, boot.time - max(last, default=-math.inf))
+            if was_commanded(trace, node, boot.time, within, _RESETS):
                 how = "by a command, while it had torque"
                 if not has_torque(trace, times[before], node):
                     continue
