@@ -2,9 +2,9 @@
 # python-control 0.10.2, create_estimator_iosystem(sys, QN, RN, P0).
 # Guess: as the documentation says, P0 is the initial covariance of the estimator, and by default that of the
 #   steady state.
-# Seen: P0 is checked for its shape and used nowhere. A simulation starts with a covariance of 0: the estimator
-#   takes its start for exact, and a wrong one stays for a second where P0 would correct it in two samples.
-#   Without P0 it is the same, also in the closed loop of create_statefbk_iosystem.
+# Seen: a simulation starts with a covariance of 0, with P0 and without: the estimator takes its start for exact.
+#   After 10 samples a wrong start is in error by more than 0.1 m; with P0 at the start of the simulation, by
+#   less than 0.01 mm.
 # Do: give the start of the simulation as [x0, P0], with P0 written once more.
 set -euo pipefail
 folder=$(mktemp -d)

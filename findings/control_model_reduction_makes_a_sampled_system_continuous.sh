@@ -4,8 +4,7 @@
 #   says of discrete time that the method "matchdc" is not implemented.
 # Seen: the result is a system of continuous time, dt = 0, with the matrices of the sampled one. Its poles,
 #   0.9 and 0.5, now are unstable ones; the gain at rest changes its sign, and no warning comes.
-# Do: make the system again, control.ss(r.A, r.B, r.C, r.D, sys.dt), or set r.dt. balanced_reduction, which
-#   needs slycot, is written for continuous time only.
+# Do: make the system again, control.ss(r.A, r.B, r.C, r.D, sys.dt).
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

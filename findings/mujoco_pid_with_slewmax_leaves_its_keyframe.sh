@@ -3,9 +3,8 @@
 # Guess: an arm that is reset to a keyframe whose command is its angle stays there, as it does with a position
 #   servo and a pid without slewmax: nothing changes, so there is no rate to limit.
 # Seen: the limited setpoint is an activation that a keyframe without act sets to 0. The servo drives the arm
-#   from 1 rad to 0.06 rad, and follows the setpoint back in 2 s. The controller of dcmotor does the same with
-#   its slewmax. No warning.
-# Do: give the keyframe act="..." with the command (order: setpoint, integral), or set data.act after a reset.
+#   from 1 rad to 0.06 rad, and the arm is back at 1 rad at the end, 4 s later. No warning.
+# Do: give the keyframe act="..." with the command.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -155,8 +155,12 @@ def flatten(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             yield key, _plain(key, value)
 
 
-def varied_of(vary: Vary) -> dict[str, list[Any]]:
+def varied_of(vary: Vary, name: str = "vary") -> dict[str, list[Any]]:
     """Varied keys with plain values; a law, observer or reference is its table.
+
+    Args:
+        vary: Keys and values, or a text of each.
+        name: What to call them in messages, as ``--vary``.
 
     Raises:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
@@ -165,21 +169,21 @@ def varied_of(vary: Vary) -> dict[str, list[Any]]:
     from twin.scenario.variations import parse_variations
 
     if isinstance(vary, list | tuple):
-        vary = parse_variations(vary)
+        vary = parse_variations(vary, name)
     if not isinstance(vary, Mapping):
-        raise ScenarioError(f"vary: give a table of keys and their values, got {vary!r}")
+        raise ScenarioError(f"{name}: give a table of keys and their values, got {vary!r}")
     for key, values in vary.items():
         if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
-            raise ScenarioError(f"vary {key}: give a list of values, as in [{values!r}]")
+            raise ScenarioError(f"{name} {key}: give a list of values, as in [{values!r}]")
     found = {
         key: [_normalise_variation(key, value) for value in values] for key, values in vary.items()
     }
     for key, values in found.items():
         if not values:
-            raise ScenarioError(f"vary {key}: give at least one value")
+            raise ScenarioError(f"{name} {key}: give at least one value")
         for number, value in enumerate(values):
             if value in values[:number]:
-                raise ScenarioError(f"vary {key}: {json.dumps(value)} is given twice")
+                raise ScenarioError(f"{name} {key}: {json.dumps(value)} is given twice")
     return found
 
 

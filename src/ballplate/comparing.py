@@ -274,7 +274,7 @@ def compare(
     from twin.run.opened import open_runs
     from twin.scenario.variations import comparison
 
-    base, varied = changes_of(settings, changes), varied_of(vary or {})
+    base, varied = changes_of(settings, changes), varied_of(vary or {}, report.name_of("vary"))
     chosen = variants_of(variants, names, report) if variants else {}
     if chosen and varied:
         what = " and ".join(map(report.name_of, ("variants", "vary")))

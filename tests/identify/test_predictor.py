@@ -162,6 +162,28 @@ def test_predictions_start_from_few_samples_where_the_model_is_wrong(plain):
     assert choose_lead(AxisPredictor((replace(plain, found=wrong),))).lead_s <= 0.4
 
 
+@pytest.mark.parametrize(("gained", "lead_s"), [(-3.0, 0.7), (0.8, 0.7), (1.2, 0.4)])
+def test_another_lead_is_taken_beyond_one_standard_error_of_the_pairs(
+    monkeypatch, plain, gained, lead_s
+):
+    """Errors of a lead of 0.4 s are better by that many standard errors, each than its own pair."""
+
+    def errors(predicting, _, at, how):
+        rng = np.random.default_rng(1)
+        sizes = 1e-3 * np.exp(rng.standard_normal(len(at)))  # far apart, but the same for all
+        if predicting.lead_s == 0.4:
+            return sizes
+        scatter = rng.standard_normal(len(at))
+        scatter = (scatter - scatter.mean()) / scatter.std(ddof=1)
+        horizons = len(np.unique(np.floor(at / how.horizon_s)))
+        better = 1e-3 * (scatter + gained / np.sqrt(horizons))
+        return sizes + (sizes + np.median(sizes)) * better
+
+    monkeypatch.setattr(predictor, "_find_errors", errors)
+    assert plain.explained
+    assert choose_lead(AxisPredictor((plain,))).lead_s == lead_s
+
+
 def test_five_numbers_are_fitted_to_all_of_a_log(monkeypatch):
     log, begun = axis_of(1, replace(PLAIN, seconds=8.0)), []
 

@@ -248,7 +248,7 @@ def invoke(*arguments):
 
 
 def test_a_wrong_change_is_refused_before_the_run_is_simulated_again(run, monkeypatch):
-    monkeypatch.setattr("twin.whatif.moments.exact", None)
+    monkeypatch.setattr("twin.whatif.futures.exact", lambda *_: pytest.fail("simulated"))
     result = invoke(run, "--at", AT, "--branch", "controller.kind=pid; plant.nonsense=1")
     assert "plant.nonsense" in str(result.exception)
     result = invoke(run, "--at", AT, "--columns", "when=t")

@@ -260,12 +260,15 @@ def sweep(
     curve for each value of a second key, as in controller.kind=[afl,lqr]. The indicators of the
     runs are written to sweep.csv.
     """
+    from ballplate.changes import varied_of
     from ballplate.studies import sweep as run_sweep
-    from twin.scenario.variations import parse_variations, swept
+    from twin.scenario.variations import swept
 
-    (key, points), curves = swept(values), parse_variations(vary)
+    name = TERMINAL.name_of("vary")
+    (key, points), curves = swept(values), varied_of(vary, name)
+    varied_of({key: points}, "sweep")
     if key in curves:
-        raise ScenarioError(f"--vary {key}: is what the sweep varies; name another key")
+        raise ScenarioError(f"{name} {key}: is what the sweep varies; name another key")
     named = (values.replace(":", ".."), *vary, *overrides)
     folder = out or run_folder(f"sweep-{Path(scenario).stem}", named)
     done = run_sweep(

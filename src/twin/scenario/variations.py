@@ -33,18 +33,22 @@ class Combination(NamedTuple):
     name: str = ""
 
 
-def parse_variations(vary: Sequence[str]) -> dict[str, list[Any]]:
+def parse_variations(vary: Sequence[str], name: str = "vary") -> dict[str, list[Any]]:
     """Key to values of each ``KEY=[A, B, ...]`` or ``KEY=A,B,...``.
 
     A value may be a table, as ``controller=[{kind="afl"}, {kind="lqr", rho=100}]``.
+
+    Args:
+        vary: The texts.
+        name: What to call them in messages, as ``--vary``.
 
     Raises:
         ScenarioError: If a text is neither, or two have the same key.
     """
     found: dict[str, list[Any]] = {}
-    for key, values in map(_parse_variation, vary):
+    for key, values in (_parse_variation(text, name) for text in vary):
         if key in found:
-            raise ScenarioError(f"vary {key}: is given twice; give all its values in one list")
+            raise ScenarioError(f"{name} {key}: is given twice; give all its values in one list")
         found[key] = values
     return found
 
@@ -60,7 +64,7 @@ def swept(text: str) -> tuple[str, list[Any]]:
     if not key or not equals or not values:
         raise ScenarioError(form)
     if values.startswith("["):
-        return _parse_variation(text)
+        return _parse_variation(text, "sweep")
     parts = values.split(":")
     try:
         first, last, number = float(parts[0]), float(parts[1]), int(parts[2])
@@ -110,19 +114,19 @@ def format_toml_value(value: Any) -> str:
     return value.strip() if isinstance(value, str) else inline(value)
 
 
-def _parse_variation(text: str) -> tuple[str, list[Any]]:
+def _parse_variation(text: str, name: str) -> tuple[str, list[Any]]:
     key, equals, values = text.partition("=")
     key = key.strip()
     if not equals or not key or not values:
-        raise ScenarioError(f"vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
+        raise ScenarioError(f"{name} '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
     try:
         listed: Any = parse_toml(f"values = {values}")["values"]
     except tomllib.TOMLDecodeError:
         if values.count("[") != values.count("]"):
-            raise ScenarioError(f"vary '{text[:200]}': brackets must match") from None
+            raise ScenarioError(f"{name} '{text[:200]}': brackets must match") from None
         listed = [setting(f"{key}={item}")[1] for item in values.strip("[]").split(",")]
     except DataError as error:
-        raise ScenarioError(f"vary '{key[:200]}': {error}") from None
+        raise ScenarioError(f"{name} '{key[:200]}': {error}") from None
     setting(f"{key}=0")  # the key is one
     return key, listed if isinstance(listed, list) else [listed]
 

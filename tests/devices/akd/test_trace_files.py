@@ -92,6 +92,30 @@ def test_every_form_gives_the_same_frames(tmp_path, name):
         assert times == pytest.approx([passed(each) for each in HEARD], abs=near)
 
 
+def test_an_error_in_a_table_of_saleae_is_on_the_channel_of_its_frames(tmp_path):
+    file = written(tmp_path, "Saleae")
+    with file.open("a") as text:
+        text.write('"CAN","can_error",9.0,1e-05,,,,,,\n')
+    found = read_trace(file)
+    assert [each.is_error_frame for each in found.frames] == [*(False for _ in HEARD), True]
+    assert not any("others" in each for each in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("kind", "place"), [("identifier_field", 8), ("control_field", 9), ("data_field", 6)]
+)
+def test_a_bad_row_in_a_table_of_saleae_costs_its_own_frame(tmp_path, kind, place):
+    file = written(tmp_path, "Saleae")
+    rows = file.read_text().splitlines()
+    k = next(i for i, row in enumerate(rows) if kind in row)
+    cells = rows[k].split(",")
+    rows[k] = ",".join([*cells[:place], "?", *cells[place + 1 :]])
+    file.write_text("\n".join(rows) + "\n")
+    found = read_trace(file)
+    assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD[1:]]
+    assert "left out: 1 lines" in found.remarks[0]
+
+
 @pytest.mark.parametrize("form", ["candump -L", ".asc", ".trc 1.1", "SavvyCAN", "BUSMASTER"])
 def test_a_line_at_fault_costs_itself(tmp_path, form):
     file = written(tmp_path, form)

@@ -200,38 +200,36 @@ SALEAE_HEADER = re.compile(r"name,type,start_time,duration,(?=.*\bidentifier\b)"
 
 def read_saleae(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
     """Reader of Saleae's table: rows of the type ``identifier_field``, ``data_field``, ..."""
-    frame: dict[str, str] = {}
-    data: list[int] = []
+    fields: list[dict[str, str]] = []
     for row in chain(csv.DictReader(lines), [{"type": "identifier_field"}]):
-        kind = row.get("type") or ""
-        try:
-            if kind == "identifier_field":
-                if frame:
-                    yield _saleae_frame(frame, data)
-                frame, data = dict(row), []
-            elif kind == "control_field":
-                frame["num_data_bytes"] = row["num_data_bytes"]
-            elif kind == "data_field":
-                data.append(int(row["data"], 0))
-            elif kind == "can_error":
-                yield classic_frame(_number_of(row["start_time"]), 0, b"", error=True)
-        except (KeyError, TypeError, ValueError):
-            frame = {}
-            yield None
+        if row.get("type") in {"identifier_field", "can_error"}:
+            if fields:
+                yield _saleae_frame(fields)
+            fields = [row]
+        elif fields:
+            fields.append(row)
 
 
-def _saleae_frame(row: dict[str, str], data: list[int]) -> TracedFrame | None:
-    length = int(row.get("num_data_bytes") or "0", 0)
-    remote = row.get("remote_frame") == "true"
-    return classic_frame(
-        _number_of(row["start_time"]),
-        int(row["identifier"], 0),
-        bytes(data),
-        extended=row.get("extended") == "true",
-        remote=length if remote else None,
-        channel=row["name"],
-        stated=length,
-    )
+def _saleae_frame(fields: list[dict[str, str]]) -> TracedFrame | None:
+    """The frame of an identifier's row and those after it, or of an error's; None if one is bad."""
+    first = fields[0]
+    try:
+        time, channel = _number_of(first["start_time"]), first["name"]
+        if first["type"] == "can_error":
+            return classic_frame(time, 0, b"", error=True, channel=channel)
+        lengths = [each["num_data_bytes"] for each in fields if each["type"] == "control_field"]
+        length = int(lengths[0], 0) if lengths else 0
+        return classic_frame(
+            time,
+            int(first["identifier"], 0),
+            bytes(int(each["data"], 0) for each in fields if each["type"] == "data_field"),
+            extended=first.get("extended") == "true",
+            remote=length if first.get("remote_frame") == "true" else None,
+            channel=channel,
+            stated=length,
+        )
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return None
 
 
 def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
