@@ -171,7 +171,7 @@ def test_a_title_states_the_reference_as_it_is_set(name, settings, title):
 
 def test_a_number_too_large_for_a_title_is_refused_in_one_line():
     with pytest.raises(ScenarioError, match=r"\A.*reference\.omega: must be a finite number.*\Z"):
-        load("circle", [f"reference.omega={10**400}"])
+        check(*resolve(*read("circle"), [("reference.omega", 10**400)]))
 
 
 def test_a_title_without_lengths_states_the_factor_and_another_length_stays():
