@@ -137,7 +137,7 @@ LINES = {
     "run hold --set controller.dither_deg=1": "; a key of controller.kind = stable_inversion",
     "lab check signs": "answer.py: not in this folder; give the folder that `ballplate lab start`",
     "run hold --set fault=[{at=1.0,name='unplug'}]": "[[fault]]: only the virtual rig",
-    "compare circle --vary duration=[5,10] --vary duration=[3]": "ballplate: --vary duration: is given twice",
+    "compare circle --vary duration=[5,10] --vary duration=[3]": "--vary duration: is given twice",
     "sweep circle duration=1:2:2 --vary duration=[3]": "--vary duration: is what the sweep varies",
     "compare circle --separator ;": "--separator: needs --columns",
     "compare circle --columns time=t": "--columns: describe a log",

@@ -126,17 +126,52 @@ def test_on_a_tube_a_reference_is_what_it_is_along_x(name, reference, title):
     [
         ("circle", ["reference.amplitude=0.05"], "Circle of 50 mm at 0.75 rad/s"),
         ("circle", ["reference.omega=1"], "Circle of 150 mm at 1 rad/s"),
-        ("circle", ["parameters=hobby", "reference.amplitude=0.05"], "Circle of 50 mm at 0.75"),
         ("step", ["reference.x=0.1", "reference.y=0.05"], "Step to (100, 50) mm"),
         ("step", ["reference.x=0.1"], "Step to (100, 150) mm"),
-        ("sine", ["reference.amplitude=[0.1, 0.05]"], "Sine on both axes, (100, 50) mm at 0.5"),
+        (
+            "sine",
+            ["reference.amplitude=[0.1, 0.05]"],
+            "Sine on both axes, (100, 50) mm at 0.5 rad/s",
+        ),
         ("thesis/9_1", ["reference.end=[0.1, 0.1]"], "LQR, step to (100, 100) mm"),
+        ("line", ["reference.amplitude=[0.05,0]"], "Sine of 50 mm along x at 1 rad/s"),
+        ("line", ["reference.amplitude=[0,0.05]"], "Sine of (0, 50) mm at 1 rad/s"),
+        ("line", ["reference.amplitude=[0.1,0.1]"], "Sine of 100 mm at 1 rad/s"),
+        ("line", ["reference.omega=[2,2]"], "Sine of 150 mm along x at 2 rad/s"),
+        ("line", ["reference.omega=[2,3]"], "Sine of 150 mm along x at (2, 3) rad/s"),
+        ("sine", ["reference.amplitude=[0.1,0]"], "Sine, (100, 0) mm at 0.5 rad/s"),
+        ("step", ["reference.x=-0.1"], "Step to (-100, 150) mm"),
+        ("step", ["parameters=hobby", "reference.x=0.1"], "Step to (100, 60) mm"),
+        (
+            "circle",
+            ["parameters=hobby", "reference.amplitude=0.05"],
+            "Circle of 50 mm at 0.75 rad/s",
+        ),
+        (
+            "circle",
+            ["parameters=hobby", "reference.omega=1"],
+            "Circle of 150 mm at 1 rad/s, lengths x 0.4",
+        ),
+        ("step", ["parameters=tube", "reference.x=0.1"], "Step to 100 mm, along x"),
+        (
+            "sine",
+            ["parameters=tube", "reference.amplitude=0.02"],
+            "Sine, 20 mm at 0.5 rad/s, along x",
+        ),
+        ("line", ["parameters=tube", "reference.omega=[2,2]"], "Sine of 18 mm along x at 2 rad/s"),
+        ("hold", ["reference.x=0.1"], "Hold"),
+        ("hold", ["parameters=hobby"], "Hold on the centre"),
         ("circle", ["reference.amplitude=0.05", "title=A"], "A"),
         ("circle", ["duration=20"], "Circle of 150 mm at 0.75 rad/s"),
     ],
 )
 def test_a_title_states_the_reference_as_it_is_set(name, settings, title):
-    assert load(name, settings).title.startswith(title)
+    assert load(name, settings).title == title
+
+
+def test_a_number_too_large_for_a_title_is_refused_in_one_line():
+    with pytest.raises(ScenarioError, match=r"\A.*reference\.omega: must be a finite number.*\Z"):
+        check(*resolve(*read("circle"), [("reference.omega", 10**400)]))
 
 
 def test_a_title_without_lengths_states_the_factor_and_another_length_stays():

@@ -6,11 +6,11 @@ Also made of a scenario here: its clean model, and the same cut short.
 from __future__ import annotations
 
 import copy
-import itertools
 import json
 import re
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +128,7 @@ def _merged(
     tables: Mapping[str, Any], source: str, settings: Collection[tuple[str, Any]]
 ) -> tuple[Tables, str]:
     """The tables of ``resolve`` without a choice by the plate's lag."""
-    merged = put(tables, settings)
+    merged, share, one_left = put(tables, settings), 1.0, False
     file = merged.pop("parameters", None)
     if file is not None:
         if not isinstance(file, str):
@@ -136,11 +136,14 @@ def _merged(
         more = _parameters(file, source)
         if more.keys() >= LAB_RIG_KEYS:  # values by dotted key: under the overrides, like them
             more, settings = {}, [*_known_values(file, more), *settings]
-        merged = _merge_tables(tables, more, settings)
+        merged, share, one_left = _merge_tables(tables, more, settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     merged = _judged_in_time(tables, merged, settings)
-    return _with_real_title(tables, merged, settings), source
+    if "title" not in dict(settings):
+        with suppress(OverflowError):  # the check of the tables reports the number
+            merged = _with_real_title(tables, merged, share, one_left=one_left)
+    return merged, source
 
 
 LAB_RIG_KEYS = {"lab", "student", "told"}
@@ -177,12 +180,15 @@ def _parameters(file: str, source: str, *over: str) -> Tables:
 
 def _merge_tables(
     tables: Mapping[str, Any], more: Mapping[str, Any], settings: Collection[tuple[str, Any]]
-) -> Tables:
+) -> tuple[Tables, float, bool]:
     """Tables with those of a parameter file and, over that, settings.
 
     Where the operating area is then smaller than the one that a scenario was made for, the lengths
     of its reference, and where the ball starts, become smaller in proportion. On a rig of one axis
-    the reference does what it does along x. The title states both.
+    the reference does what it does along x.
+
+    Returns:
+        The tables, the factor on lengths, and whether one axis of two is left.
     """
     merged = put(laid_over(tables, more), settings)
     try:
@@ -193,7 +199,7 @@ def _merge_tables(
         share = min(1.0, *(new / old for new, old in areas))
         one_left = axes[1] < axes[0]
         if share >= 1 and not one_left:
-            return merged
+            return merged, 1.0, False
         own, kind = tables["reference"], merged["reference"].get("kind")
         own = own if own.get("kind") == kind else {"kind": kind}
         cls: Any = schema.choices("reference")[kind]
@@ -206,95 +212,105 @@ def _merge_tables(
         for key in ("y", "y_rate", "spin") if one_left else ():
             start.pop(key, None)
     except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError):
-        return merged  # the check of the tables reports the mistake
-    found = put(laid_over(found, more), settings)
-    stated = [f"lengths x {share:.3g}"] * (found["reference"] != merged["reference"])
-    stated += ["along x"] * (one_left and _goes_along_y(found["reference"]))
-    if stated and "title" not in dict(settings):
-        title = str(found.get("title"))
-        if one_left and (real := _shrink_lengths(title, known.values(), share)) != title:
-            title, stated = real, [each for each in stated if not each.startswith("lengths")]
-        found["title"] = ", ".join((title, *stated))
-    return found
-
-
-def _shrink_lengths(title: str, lengths: Iterable[Any], share: float) -> str:
-    """A title with the lengths of its reference along x as they are after they have shrunk.
-
-    Args:
-        title: As ``Step to (150, 150) mm``.
-        lengths: Those of the reference before, m; a length that is none of them stays.
-        share: Factor on them.
-    """
-    flat = (np.ravel(np.array(each, dtype=object)) for each in lengths)
-    known = {
-        round(abs(each), 9) for each in itertools.chain(*flat) if isinstance(each, int | float)
-    }
-
-    def real(numbers: tuple[float, ...], unit: str) -> tuple[float, ...]:
-        return (share * numbers[0],) if unit == "m" and {*numbers} <= known else numbers
-
-    changed = _replace_numbers(title, real)
-    return changed.replace(" on both axes", "") if changed != title else title
-
-
-def _replace_numbers(
-    title: str, real: Callable[[tuple[float, ...], str], tuple[float, ...]]
-) -> str:
-    """A title with other numbers of its reference in place of the ones that it states.
-
-    Args:
-        title: As ``Circle of 150 mm at 0.75 rad/s`` or ``Step to (150, 150) mm``.
-        real: Called with numbers that it states, one or a pair, and their unit, m or rad/s; returns
-            those that are to stand there.
-    """
-
-    def rewrite(match: re.Match[str]) -> str:
-        scale = 1000 if match[2] == "mm" else 1
-        stated = tuple(round(float(each) / scale, 9) for each in match[1].split(","))
-        unit = "rad/s" if match[2] == "rad/s" else "m"
-        if (now := real(stated, unit)) == stated:
-            return match[0]
-        factor, shown = (1000, "mm") if unit == "m" else (1, unit)
-        text = ", ".join(f"{factor * each:.3g}" for each in now)
-        return f"({text}) {shown}" if len(now) > 1 else f"{text} {shown}"
-
-    return re.sub(r"\(?((?:\d+\.?\d*, )?\d+\.?\d*)\)? (mm|m|rad/s)\b", rewrite, title)
+        return merged, 1.0, False  # the check of the tables reports the mistake
+    return put(laid_over(found, more), settings), share, one_left
 
 
 def _with_real_title(
-    tables: Mapping[str, Any], merged: Tables, settings: Collection[tuple[str, Any]]
+    tables: Mapping[str, Any], merged: Tables, share: float, *, one_left: bool
 ) -> Tables:
-    """Tables with a title that states the numbers of the reference as settings have them."""
-    given, title = dict(settings), merged.get("title")
-    match tables.get("reference"), merged.get("reference"):
-        case {"kind": old, **before}, {"kind": kind, **after} if (
-            old == kind and isinstance(title, str) and "title" not in given
-        ):
-            cls: Any = schema.choices("reference").get(str(kind))
-        case _:
-            return merged
+    """Tables with a title that states the reference as it runs.
+
+    Rates, and lengths that a setting changed or that are along one axis of two, are stated as they
+    are. Where all lengths are smaller by the factor alone, the title keeps the old ones with the
+    factor.
+
+    Args:
+        tables: Those of the scenario, with the title.
+        merged: Those of the run.
+        share: Factor on the lengths of its reference.
+        one_left: Whether the rig has one axis and the scenario was made for two.
+    """
+    before, after, title = tables.get("reference"), merged.get("reference"), merged.get("title")
+    if not (isinstance(before, dict) and isinstance(after, dict) and isinstance(title, str)):
+        return merged
+    cls: Any = schema.choices("reference").get(str(after.get("kind")))
     if cls is None:  # the check of the tables reports it
         return merged
-    quantities = [(name,) for name in after] + ([("x", "y")] if "y" in cls.lengths else [])
+    before = before if before.get("kind") == after["kind"] else {}
 
-    def numbers_of(table: Mapping[Any, Any], names: Sequence[Any]) -> tuple[float, ...]:
-        values = (_as_tuple(table.get(name, getattr(cls, name, None))) for name in names)
-        return tuple(itertools.chain(*values))
+    def values_of(name: str) -> tuple[Any, Any]:
+        default = getattr(cls, name, None)
+        return before.get(name, default), after.get(name, default)
 
-    changed = [
-        (numbers_of(before, names), numbers_of(after, names), names[0] in cls.lengths)
-        for names in quantities
-        if "reference" in given or any(f"reference.{name}" in given for name in names)
-    ]
+    lengths = {name: values_of(name) for name in cls.lengths}
+    by_factor = all(_times(was, share) == _times(now, 1.0) for was, now in lengths.values())
+    changed = any(_times(was, 1.0) != _times(now, 1.0) for was, now in lengths.values())
+    places = [lengths[name] for name in ("x", "y") if name in lengths]
+    real = title
+    if one_left or not by_factor or share == 1:
+        pairs = [*lengths.values()]
+        if len(places) == 2:
+            (x_before, x), (y_before, y) = places
+            pairs.insert(0, ((x_before, y_before), (x, y)))
+        real = _state_numbers(real, pairs, "m", one_left=one_left)
+    if any(now for _, now in places):
+        real = real.replace(" on the centre", "")
+    stated = [f"lengths x {share:.3g}"] if changed and by_factor and real == title else []
+    real = _state_numbers(real, [values_of("omega")], "rad/s", one_left=one_left)
+    if one_left and _goes_along_y(after):
+        stated.append("along x")
+    return {**merged, "title": ", ".join((real, *stated))}
 
-    def real(numbers: tuple[float, ...], unit: str) -> tuple[float, ...]:
-        for was, now, is_length in changed:
-            if numbers == was and now and (unit == "m") == is_length:
-                return now
-        return numbers
 
-    return {**merged, "title": _replace_numbers(title, real)} if changed else merged
+def _state_numbers(
+    title: str, pairs: Sequence[tuple[Any, Any]], unit: str, *, one_left: bool
+) -> str:
+    """A title with numbers of its reference as they are in place of those before.
+
+    Args:
+        title: As ``Circle of 150 mm at 0.75 rad/s`` or ``Step to (150, 150) mm``.
+        pairs: A number or one along each axis, before and as it is; the first that fits is taken.
+        unit: Theirs, m or rad/s; of numbers in other units none is replaced.
+        one_left: Whether only the first axis is there.
+    """
+    known = [(_along_axes(was), _along_axes(now)) for was, now in pairs]
+    known = sorted((each for each in known if all(each)), key=lambda each: each[0] == each[1])
+    directions: set[str] = set()
+
+    def rewrite(match: re.Match[str]) -> str:
+        given = match[2]
+        scale = 1000 if given == "mm" else 1
+        stated = tuple(round(float(each) / scale, 9) for each in match[1].split(","))
+        for was, now in known if ("m" if given == "mm" else given) == unit else ():
+            if stated != was and (len(stated) > 1 or {*was} - {0.0} != {*stated}):
+                continue
+            alike = now[0] == now[1] or (0.0 in now and [*map(bool, now)] == [*map(bool, was)])
+            single = one_left or (len(stated) == 1 and alike)
+            numbers = (now[0] or (0.0 if one_left else now[1]),) if single else now
+            if now[1] and not one_left:
+                directions.add(" along x")
+            if one_left or bool(now[0]) != bool(now[1]):
+                directions.add(" on both axes")
+            if numbers == stated:
+                return match[0]
+            factor, shown = (1000, "mm") if unit == "m" else (1, unit)
+            text = ", ".join(f"{factor * each:.3g}" for each in numbers)
+            return f"{text} {shown}" if single else f"({text}) {shown}"
+        return match[0]
+
+    number = r"-?\d+\.?\d*"
+    found = re.sub(rf"\(?((?:{number}, )?{number})\)? (mm|m|rad/s)\b", rewrite, title)
+    for wrong in directions if unit == "m" else ():
+        found = found.replace(wrong, "")
+    return found
+
+
+def _along_axes(value: Any) -> tuple[float, ...]:
+    """A number for each axis, rounded; empty for anything else."""
+    numbers = _as_tuple(value)
+    both = numbers * 2 if len(numbers) == 1 else numbers
+    return tuple(round(float(each), 9) for each in both) if len(both) == 2 else ()
 
 
 def _as_tuple(value: Any) -> tuple[float, ...]:
