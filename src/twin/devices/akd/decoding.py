@@ -39,6 +39,7 @@ from twin.devices.akd.sdo_transfers import (
     BLOCK_DOWNLOAD,
     DOWNLOAD,
     DOWNLOAD_ANSWER,
+    FIRST_BYTES,
     UPLOAD,
     OpenTransfer,
     begins_block,
@@ -92,8 +93,6 @@ _NAMING_SPECIFIERS = (UPLOAD, DOWNLOAD_ANSWER, ABORT)
 """Command specifiers of answers that name their object."""
 _SDO_BYTES, _MIN_SDO_BYTES = 8, 4
 """Length of every SDO frame by CiA 301, and the least that names an object."""
-_FIRST_BYTES = {0x20, 0x21, 0x22, 0x23, 0x27, 0x2B, 0x2F, 0x40}
-"""First bytes of requests to write or read an object, without those of blocks."""
 _FIRST_INDEX = 0x1000
 """Lowest index of an object that is no data type."""
 _SYNC_IDENTIFIER, _EMERGENCY_IDENTIFIER, _SDO_SERVERS = 0x1005, 0x1014, range(0x1200, 0x1280)
@@ -918,7 +917,7 @@ class Conversation:
         writes = block if command == BLOCK_DOWNLOAD else command == DOWNLOAD
         if asks and (block or transfer is None):
             index = data[1] | data[2] << 8
-            self._requests[(block or data[0] in _FIRST_BYTES) and index >= _FIRST_INDEX] += 1
+            self._requests[(block or data[0] in FIRST_BYTES) and index >= _FIRST_INDEX] += 1
         if asks and (writes or block or command == UPLOAD):
             if transfer is not None:
                 self._left(number, transfer)

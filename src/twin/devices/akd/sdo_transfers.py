@@ -17,6 +17,8 @@ _BLOCK_END, _BLOCK_ACKNOWLEDGED, _LAST_SEGMENT = 1, 2, 0x80
 """Steps of a block transfer, in bits 0 and 1 of the first byte; the bit of the last segment."""
 _ABORT_BYTE = 0x80
 """First byte of an abort; no segment of a block begins so."""
+FIRST_BYTES = {0x20, 0x21, 0x22, 0x23, 0x27, 0x2B, 0x2F, 0x40}
+"""First bytes of requests to write or read an object, without those of blocks."""
 
 
 def begins_block(data: bytes) -> bool:
@@ -27,8 +29,8 @@ def begins_block(data: bytes) -> bool:
 
 def begins_transfer(data: bytes) -> bool:
     """Whether a client's frame has the form of one that begins a transfer of any kind."""
-    reads = data[0] == UPLOAD << 5 and not any(data[4:])
-    return reads or data[0] >> 5 == DOWNLOAD or begins_block(data)
+    reads = data[0] >> 5 == UPLOAD
+    return begins_block(data) or (data[0] in FIRST_BYTES and not (reads and any(data[4:])))
 
 
 @dataclass
