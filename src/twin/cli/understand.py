@@ -188,7 +188,7 @@ def _survey_unknown(file: Path, separator: str | None) -> Survey | None:
     """A look at a log without columns of the known names; None of any other."""
     if is_record(file):
         return None
-    from twin.identify.logs import has_known_columns, open_content
+    from twin.identify.log_tables import has_known_columns, open_content
     from twin.identify.survey import survey
 
     content = open_content(file)
@@ -345,7 +345,8 @@ def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:
             that this program knows, or a ball is given for a run.
         ScenarioError: If a separator is given for a run.
     """
-    from twin.identify.logs import ball_factor, wanted_columns
+    from twin.identify.balls import ball_factor
+    from twin.identify.log_columns import wanted_columns
 
     if how.get("ball") is not None:
         ball_factor(how["ball"])

@@ -10,7 +10,10 @@ import scipy
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.logs import AXIS_COLUMNS, AxisLog, Log, find_noise, resolution, runs
+from twin.identify.axis_logs import AxisLog
+from twin.identify.log_columns import AXIS_COLUMNS
+from twin.identify.logs import Log
+from twin.identify.samples import find_noise, resolution, runs
 from twin.run.logs import check_reach
 
 COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.least_squares import SampleWindows
-from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.plate_motion import plate_motion
 from twin.identify.prepare import (
     ROLL_SPEED_M_S,
