@@ -41,7 +41,7 @@ from twin.run.files import export, log_file, run_folder
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
     from twin.devices.akd.config import AkdConfig
-    from twin.devices.akd.decoding import Names
+    from twin.devices.akd.object_names import Names
     from twin.devices.akd.servos import AkdServos
     from twin.devices.akd.traces import Trace
     from twin.devices.lumio.config import CalibrationFit
@@ -422,8 +422,10 @@ def trace(
     encoders, motors and commands, whoever drove.
     --replay sends the host's frames to emulated drives, and reports different answers.
     """
-    from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
+    from twin.devices.akd.decoding import Conversation, TracedEvent
     from twin.devices.akd.findings import assess
+    from twin.devices.akd.object_names import Names
+    from twin.devices.akd.rhythms import sync_period
     from twin.devices.akd.traces import read_trace
 
     if log is not None and (rig is None or touch is None):

@@ -249,7 +249,9 @@ def log_of_trace(
                 )
             newest = np.searchsorted(series.time, sync, side) - 1
             counts = np.unwrap(np.asarray(series.counts, float), period=2.0**32)
-            both.append(counts[np.maximum(newest, 0)] * conversation.scale(axis.node, key)[0])
+            both.append(
+                counts[np.maximum(newest, 0)] * conversation.objects.scale(axis.node, key)[0]
+            )
         return np.stack(both, axis=1)
 
     sync = np.asarray(conversation.sync)
