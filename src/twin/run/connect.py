@@ -19,7 +19,8 @@ from twin.base.errors import LogError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import Conversation
 from twin.devices.kinds import Surroundings, build_device
-from twin.devices.own import OwnScreen, OwnServos, load_backend
+from twin.devices.own import OwnScreen, OwnServos
+from twin.devices.own_loading import load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import CamTable, FixedRatio
