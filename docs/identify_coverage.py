@@ -22,8 +22,9 @@ import numpy as np
 from controllers.arrays import Array
 from docs.pages import HERE, filled, kept, wilson, write
 from twin.cli.output import progress
+from twin.identify.any_logs import read_any
 from twin.identify.any_rig import identify_axes
-from twin.identify.logs import read_any, wanted_columns
+from twin.identify.log_columns import wanted_columns
 from twin.study.work import digest
 
 RIGS = 200

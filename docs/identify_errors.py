@@ -26,7 +26,7 @@ from docs.pages import HERE, clopper_pearson, filled, kept, write
 from twin.base.errors import LogError
 from twin.cli.output import progress
 from twin.identify.any_rig import identify_axes, join_logs
-from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.verdicts import Predicted
 from twin.study.work import digest
 

@@ -20,15 +20,9 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices import own
-from twin.devices.own import (
-    OwnConfig,
-    OwnScreen,
-    OwnScreenConfig,
-    OwnServos,
-    OwnServosConfig,
-    Reading,
-    SeparateScreen,
-)
+from twin.devices.own import OwnScreen, OwnServos, SeparateScreen
+from twin.devices.own_config import OwnConfig, OwnScreenConfig, OwnServosConfig
+from twin.devices.own_hardware import Reading
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.hal import agreement, supervisor

@@ -399,7 +399,8 @@ def runs_of_logs(
         columns_and_separator: The columns of logs of any rig, None of other logs; their separator.
         tell: Receives what was left out of them.
     """
-    from twin.identify.logs import read_any, wanted_columns
+    from twin.identify.any_logs import read_any
+    from twin.identify.log_columns import wanted_columns
     from twin.run.logs import fitting, log_run, read_log
 
     runs: list[Run] = []

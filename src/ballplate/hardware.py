@@ -9,7 +9,7 @@ they report is a ``Fault`` of a ``Condition``.
 """
 
 from twin.devices.kinds import ScreenKind, ServosKind, Surroundings
-from twin.devices.own import Hardware, Reading, ScreenHardware, ServoHardware
+from twin.devices.own_hardware import Hardware, Reading, ScreenHardware, ServoHardware
 from twin.hal.interface import Condition, Fault, PoweredScreen, PoweredServos, Severity, Touch
 
 __all__ = [

@@ -12,7 +12,7 @@ from twin.base.errors import ScenarioError
 
 if TYPE_CHECKING:
     from twin.identify import logs
-    from twin.identify.logs import AnyLog
+    from twin.identify.axis_logs import AnyLog
     from twin.identify.verdicts import Identification, ParameterVerdict
 from ballplate.results import Result
 
@@ -128,7 +128,9 @@ def identify(
         >>> print(f"{rolling.value:.2f} {rolling.about.unit}, {rolling.word}")
         0.18 mm, identified
     """
-    from twin.identify.logs import ball_factor, ball_heights, read_any, wanted_columns
+    from twin.identify.any_logs import read_any
+    from twin.identify.balls import ball_factor, ball_heights
+    from twin.identify.log_columns import wanted_columns
     from twin.identify.parameters import PLAIN_PARAMETERS, choose_parameters
     from twin.scenario import load
 

@@ -57,7 +57,7 @@ def check(
     result = judge.judge_answer(found, dealt, file, hidden=hidden)
     if page is not None:
         from twin.base.writing import write_whole
-        from twin.lab.grade import student_page
+        from twin.lab.pages import student_page
 
         judging = judge.Judge(found, dealt, file)
         write_whole(Path(page), student_page(judging, result, everything=hidden))

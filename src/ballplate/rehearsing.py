@@ -107,11 +107,11 @@ def _remedies(scenario: Scenario) -> Iterator[KeyChange]:
     for share in SMALLER_LENGTHS:
         for key in lengths:
             if settings.get(key):
-                yield KeyChange.of(f"reference.{key}", _scaled(settings[key], share))
+                yield KeyChange.of(f"reference.{key}", _scale_lengths(settings[key], share))
 
 
-def _scaled(value: object, share: float) -> object:
+def _scale_lengths(value: object, share: float) -> object:
     """Lengths in m times a share; those of a list each."""
     if isinstance(value, list | tuple):
-        return [_scaled(each, share) for each in value]
+        return [_scale_lengths(each, share) for each in value]
     return float(f"{value * share:.4g}") if isinstance(value, int | float) else value

@@ -212,13 +212,13 @@ def save_result(result: Result, folder: Path) -> Result:
     Raises:
         RecordError: If it cannot be written, or the run is one that was opened.
     """
-    recorded(result, folder)
+    save_without_picture(result, folder)
     draw(result, folder, result.motions)
     return result
 
 
-def recorded(result: Result, folder: Path) -> Result:
-    """The result, saved in a folder without its picture; arguments as for ``kept``."""
+def save_without_picture(result: Result, folder: Path) -> Result:
+    """The result, saved in a folder without its picture; arguments as for `save_result`."""
     if result.record is None:
         raise RecordError(f"{result.name}: was opened from {result.folder}; nothing new to save")
     save_record(result, folder)

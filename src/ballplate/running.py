@@ -92,7 +92,7 @@ def run(
     chosen = scenario_of(scenario, changed)
     planned = plan_faults_of_run(on, chosen, faults, report)  # a wrong name, too
     further = _further_scenarios(chosen, others, changed)
-    from ballplate.results import Result, recorded
+    from ballplate.results import Result, save_without_picture
     from twin.base.jobs import SecondProcess, cores
     from twin.run.assemble import PLANTS
     from twin.run.finished import draw
@@ -134,10 +134,10 @@ def run(
                 if folder is not None:
                     if on is None and done.interrupted and holds_finished(folder):
                         folder = free(folder)  # what is finished is worth more than a beginning
-                    recorded(result, folder)
+                    save_without_picture(result, folder)
         if incomplete and folder is not None:
             result.incomplete = tuple(incomplete)
-            recorded(result, folder)
+            save_without_picture(result, folder)
         if real is not None:
             tell_timing(real, report)
         if not done.interrupted:

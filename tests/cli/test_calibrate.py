@@ -1,4 +1,4 @@
-"""`twin.cli.rig`: The commands that calibrate, as a person types them."""
+"""`twin.cli.calibrate`: The commands that calibrate, as a person types them."""
 
 import json
 from functools import partial

@@ -12,7 +12,8 @@ from mixed_rigs import AkdWithCamera, OwnWithLumio, PlantCamera
 
 from twin.devices.kinds import members
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.own import OwnScreenConfig, SeparateScreen
+from twin.devices.own import SeparateScreen
+from twin.devices.own_config import OwnScreenConfig
 from twin.emulator.lockstep import LockstepRig, LockstepScreen, LockstepScreenPort
 from twin.emulator.screen import Protocol, ScreenLine
 from twin.hal.interface import PoweredScreen, PoweredServos, Severity

@@ -26,7 +26,9 @@ class Half:
         self.settings, self.around = settings, around
 
 def whole(settings, around):
-    from twin.devices.own import OwnServos, OwnServosConfig, ServoHardware
+    from twin.devices.own import OwnServos
+    from twin.devices.own_config import OwnServosConfig
+    from twin.devices.own_hardware import ServoHardware
     class Mine(ServoHardware):
         start = command = stop = lambda *_: None
     made = OwnServos(Mine(), OwnServosConfig(backend=""), around.limits, around.period)

@@ -11,13 +11,7 @@ from twin.base.errors import RigError
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.conditions import DriveError
 from twin.devices.lumio import conditions as lumio
-from twin.devices.own import (
-    FAILED,
-    REPORTED,
-    SCREEN_FAILED,
-    SCREEN_REPORTED,
-    SILENT,
-)
+from twin.devices.own import FAILED, REPORTED, SCREEN_FAILED, SCREEN_REPORTED, SILENT
 from twin.hal.interface import Severity
 from twin.hal.supervisor import BALL_LOST
 from twin.run.assemble import build_controller

@@ -23,20 +23,19 @@ import ballplate as bp
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.own import (
     ASTRAY,
-    DIRECTION_TEST,
     FAILED,
     FROZEN,
     LACKING,
     OWN_CONDITIONS,
     REPORTED,
-    SCALE_TEST,
     SCREEN_FAILED,
     SCREEN_REPORTED,
     SILENT,
-    OwnConfig,
-    Reading,
-    load_backend,
 )
+from twin.devices.own_config import OwnConfig
+from twin.devices.own_hardware import Reading
+from twin.devices.own_loading import load_backend
+from twin.devices.plate_tests import DIRECTION_TEST, SCALE_TEST
 from twin.hal.agreement import OPPOSITE, WRONG_RATIO
 from twin.hal.cams import FixedRatio
 from twin.hal.supervisor import BALL_LOST, State

@@ -16,6 +16,7 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import LogError, ScenarioError, TwinError
 from twin.cli.understand import identify as command
 from twin.identify import plain_model
+from twin.identify.any_logs import read_any
 from twin.identify.any_rig import (
     AxisIdentification,
     _assess_axis,
@@ -24,16 +25,11 @@ from twin.identify.any_rig import (
     identify_axes,
     join_logs,
 )
+from twin.identify.axis_logs import AnyLog, AxisLog
+from twin.identify.balls import ball_factor
 from twin.identify.command_model import TiltHistory, apply_play, drive_path
 from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
-from twin.identify.logs import (
-    AnyLog,
-    AxisLog,
-    ball_factor,
-    read_any,
-    unit_factor,
-    wanted_columns,
-)
+from twin.identify.log_columns import unit_factor, wanted_columns
 from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
 from twin.identify.plain_model import (
     AXIS_FITTING,

@@ -10,6 +10,7 @@ import pytest
 from docs.identify_errors import Rig, draw_rig, simulate_log, simulate_turned
 from twin.identify import any_rig
 from twin.identify.any_rig import identify_axes, join_logs
+from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.corrections import (
     Correction,
     describe_bend,
@@ -18,7 +19,6 @@ from twin.identify.corrections import (
     find_correction,
 )
 from twin.identify.first_look import look_first
-from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.plain_model import find_admixture, fit_axis
 
 

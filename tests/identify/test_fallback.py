@@ -16,10 +16,10 @@ from twin.identify.any_rig import (
     identify_axes,
     join_logs,
 )
+from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.end_stops import find_end_stops
 from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
 from twin.identify.first_look import look_first
-from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import plain_parameter
 from twin.identify.report import sentences
 from twin.identify.verdicts import (

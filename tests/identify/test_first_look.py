@@ -9,6 +9,7 @@ import pytest
 
 from twin.base.errors import LogError
 from twin.identify.any_rig import AXIS_SELECTION, identify_axes
+from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.command_model import TiltHistory
 from twin.identify.fallback import PLAIN_WHY
 from twin.identify.first_look import (
@@ -18,7 +19,6 @@ from twin.identify.first_look import (
     look_plainly_in_several_ways,
 )
 from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
-from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.plain_model import (
     AXIS_FITTING,
     AxisFit,

@@ -1,4 +1,4 @@
-"""`twin.identify.logs`.
+"""`twin.identify.log_tables`.
 
 Logs of other programs: the first bytes decide what a file is, and damaged rows are left out."""
 
@@ -16,7 +16,9 @@ from scipy.io import savemat
 
 import ballplate
 from twin.base.errors import LogError
-from twin.identify.logs import read, read_any, wanted_columns
+from twin.identify.any_logs import read_any
+from twin.identify.log_columns import wanted_columns
+from twin.identify.logs import read
 from twin.run.files import export, sorted_out
 from twin.run.logs import read_csv, read_log
 

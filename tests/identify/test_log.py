@@ -10,12 +10,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.logs import LOG_COLUMN_UNITS, NEEDED_COLUMNS, find_noise, read
+from twin.identify.logs import LOG_COLUMN_UNITS, read
 from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, choose_parameters
 from twin.identify.prepare import prepare
+from twin.identify.samples import find_noise
 from twin.identify.twin_model import TwinProblem, identify_twin, replay_log
 from twin.identify.verdicts import HOLD_OUT, score
 from twin.run.finished import record_run, run
+from twin.run.logs import NEEDED_COLUMNS
 from twin.run.opened import open_run
 from twin.scenario import load
 

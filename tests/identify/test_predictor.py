@@ -11,7 +11,7 @@ from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
 from twin.identify import any_rig, plain_model, predictor
 from twin.identify.any_rig import identify_axes
-from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.plain_model import predict_axis, prediction_times
 from twin.identify.predictor import (
     AxisPredictor,

@@ -8,7 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.understand import identify
-from twin.identify.logs import read_any, wanted_columns
+from twin.identify.any_logs import read_any
+from twin.identify.log_columns import wanted_columns
 from twin.identify.survey import survey
 
 T = np.arange(0.0, 4.0, 0.02)

@@ -10,8 +10,8 @@ import pytest
 from command_line import ballplate  # noqa: F401  a fixture
 
 from docs.identify_errors import Rig, simulate_log
+from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import look_first
-from twin.identify.logs import AxisLog
 from twin.identify.suspicions import are_axes_exchanged, describe_suspicions
 
 SOLID, HOLLOW = 5 / 7, 3 / 5

@@ -18,10 +18,11 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from twin.lab.copies import find_alike
-from twin.lab.grade import begin as begin_lab
-from twin.lab.grade import candidates, class_page
 from twin.lab.handed_in import Submission, collect
+from twin.lab.packs import begin as begin_lab
+from twin.lab.pages import class_page
 from twin.lab.schema import Lab, deal, fill_answer, hand_out, read
+from twin.lab.selftest import candidates
 
 MINI = Path(__file__).parent / "mini"
 KEY = "the key of a course"

@@ -17,8 +17,10 @@ import ballplate as bp
 from twin.base.data_file import DataError, read_regular
 from twin.base.errors import ScenarioError, printable
 from twin.cli import ballplate as command
-from twin.lab import grade as grades
+from twin.lab.grade import grade, result_without_points
 from twin.lab.handed_in import MAX_COPIED_FILES, collect, copy_files
+from twin.lab.pages import class_page
+from twin.lab.result_files import marks
 from twin.lab.schema import Lab, check_name, read
 
 LAB = """
@@ -75,8 +77,8 @@ def graded(
     """The result of each student, as marks.csv has it, with the text of the page."""
     kept = folder.with_name("kept")
     every = collect(lab, folder, people or ()).submissions
-    found = grades.grade(lab, key, people, every, kept, 1, lambda _: None)
-    rows = {row["student"]: row for row in csv.DictReader(io.StringIO(grades.marks(lab, found)))}
+    found = grade(lab, key, people, every, kept, 1, lambda _: None)
+    rows = {row["student"]: row for row in csv.DictReader(io.StringIO(marks(lab, found)))}
     for student, row in rows.items():
         page = kept / f"{student}.html"
         row["page"] = page.read_text() if len(student) < 100 and page.is_file() else ""
@@ -188,9 +190,7 @@ def test_no_name_of_an_entry_costs_another_student_a_mark(lab: Lab, handed_in: P
     others = [row for name, row in found.items() if name not in {"ann", "zoe"}]
     assert all("the name has up to 100 letters" in row["problem"] for row in others)
     assert printable("".join(map(str, others)), "") == "".join(map(str, others))
-    page = grades.class_page(
-        lab, [{**row, "results": [], "score": None} for row in others], handed_in
-    )
+    page = class_page(lab, [{**row, "results": [], "score": None} for row in others], handed_in)
     page.encode()
 
 
@@ -316,8 +316,8 @@ def test_what_lies_there_and_is_no_submission_is_named(lab: Lab, handed_in: Path
 
 def test_marks_cannot_begin_a_formula(lab: Lab) -> None:
     students = ("=1+1", "+1", "-1", "@sum(a1)", "\t=1", "\r=1", "\uff1d1", "ann")
-    found = [grades.result_without_points(name, f"no; {name}") for name in students]
-    rows = [*csv.reader(io.StringIO(grades.marks(lab, found)))][1:]
+    found = [result_without_points(name, f"no; {name}") for name in students]
+    rows = [*csv.reader(io.StringIO(marks(lab, found)))][1:]
     for name, row in zip(students, rows, strict=True):
         assert row[0] == ("ann" if name == "ann" else f"'{name}" if name > " " else printable(name))
         assert row[-1].startswith("no; '" if name not in {"ann", "\t=1", "\r=1"} else "no; ")
@@ -333,7 +333,7 @@ def test_the_grader_s_own_trouble_is_not_on_the_page_of_a_student(
     def breaks(*_: object, **__: object) -> None:
         raise OSError(SECRET)
 
-    monkeypatch.setattr(grades, "judge_answer", breaks)
+    monkeypatch.setattr("twin.lab.grade.judge_answer", breaks)
     row = graded(lab, handed_in)["ann"]
     assert row["problem"] == f"the grader failed: OSError: {SECRET}"
     assert SECRET not in row["page"]

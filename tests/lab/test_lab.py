@@ -16,20 +16,14 @@ import pytest
 
 import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
-from twin.lab import grade as grades
 from twin.lab import process
-from twin.lab.grade import (
-    SELF_TEST,
-    begin,
-    candidates,
-    format_result,
-    pack,
-    student_page,
-    try_answer,
-)
+from twin.lab.grade import grade, grade_submission
 from twin.lab.handed_in import collect
 from twin.lab.judge import Judge, Measured, judge_answer
+from twin.lab.packs import begin, pack
+from twin.lab.pages import student_page
 from twin.lab.process import ANSWER_NAME, answering
+from twin.lab.result_files import format_result, marks
 from twin.lab.schema import (
     PRACTICE_KEY,
     PRIVATE_FILES,
@@ -42,6 +36,7 @@ from twin.lab.schema import (
     starter,
     students,
 )
+from twin.lab.selftest import SELF_TEST, candidates, selftest, try_answer
 from twin.run.loop import simulate
 from twin.scenario import load
 
@@ -419,7 +414,7 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
 
     def graded() -> dict[str, dict[str, object]]:
         people, every = ["ann", "bob", "cid"], collect(lab, handed_in).submissions
-        found = grades.grade(lab, KEY, people, every, kept, 1, lambda _: None)
+        found = grade(lab, KEY, people, every, kept, 1, lambda _: None)
         return {str(each["student"]): each for each in found}
 
     first = graded()
@@ -445,7 +440,7 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     assert sorted(asked) == sorted([*every, "ann width"])
     assert graded()["bob"]["score"] == 1
     assert len(asked) == 5
-    lines = grades.marks(lab, list(graded().values())).splitlines()
+    lines = marks(lab, list(graded().values())).splitlines()
     assert lines[0] == "student,score,max_score,mass,width,wind,problem"
     assert lines[1] == "ann,6.0,7.0,4.0,2.0,0.0,"
 
@@ -464,7 +459,7 @@ def test_points_and_texts_change_without_a_simulation(
     def graded() -> dict[str, Any]:
         lab = read(folder)
         handed_in = collect(lab, tmp_path / "in").submissions
-        return grades.grade(lab, KEY, None, handed_in, kept, 1, lambda _: None)[0]
+        return grade(lab, KEY, None, handed_in, kept, 1, lambda _: None)[0]
 
     first, page = graded(), (kept / "ann.html").read_text()
     assert "<svg" in page
@@ -492,7 +487,7 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
     handed_in = collect(lab, hand_out_to).submissions
     for key, whole in ((KEY, True), (PRACTICE_KEY, False)):
-        grade_each = partial(grades.grade_submission, lab, key, None, tmp_path, "source")
+        grade_each = partial(grade_submission, lab, key, None, tmp_path, "source")
         found = [grade_each(each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)
     assert "is it the key of this course" in found[0]["problem"]
@@ -677,7 +672,7 @@ def test_a_new_lab_is_one_and_its_starter_is_made_from_its_solution(tmp_path: Pa
 @pytest.mark.long
 def test_a_new_lab_passes_its_own_selftest(tmp_path: Path) -> None:
     begin("my_own", tmp_path / "lab")
-    found = list(grades.selftest(read(tmp_path / "lab"), 2))
+    found = list(selftest(read(tmp_path / "lab"), 2))
     assert len(found) == 6
     assert all(each.good for each in found if "graded within" not in each.what), found
 

@@ -9,9 +9,9 @@ import can
 import numpy as np
 import pytest
 
-from twin.lab.grade import candidates, prepare_answer
 from twin.lab.judge import judge_answer
 from twin.lab.schema import LOG_FILE, deal, read, record, shipped_labs, starter
+from twin.lab.selftest import candidates, prepare_answer
 
 LABS = sorted(shipped_labs())
 KEY = "of a test"

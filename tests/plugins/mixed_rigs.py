@@ -6,15 +6,9 @@ from contextlib import nullcontext
 import numpy as np
 
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.own import (
-    OwnScreenConfig,
-    OwnServos,
-    OwnServosConfig,
-    Reading,
-    ScreenHardware,
-    SeparateScreen,
-    ServoHardware,
-)
+from twin.devices.own import OwnServos, SeparateScreen
+from twin.devices.own_config import OwnScreenConfig, OwnServosConfig
+from twin.devices.own_hardware import Reading, ScreenHardware, ServoHardware
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.emulator.lockstep import LockstepRig, LockstepScreen, LockstepScreenPort

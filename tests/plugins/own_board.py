@@ -5,7 +5,9 @@ import math
 from contextlib import nullcontext
 from pathlib import Path
 
-from twin.devices.own import Hardware, OwnConfig, OwnScreen, OwnServos, Reading
+from twin.devices.own import OwnScreen, OwnServos
+from twin.devices.own_config import OwnConfig
+from twin.devices.own_hardware import Hardware, Reading
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import FixedRatio

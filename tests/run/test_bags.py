@@ -7,7 +7,8 @@ import pytest
 from mcap_ros2.writer import Writer
 
 from twin.base.errors import LogError
-from twin.identify.logs import read_any, wanted_columns
+from twin.identify.any_logs import read_any
+from twin.identify.log_columns import wanted_columns
 from twin.run.files import ROS2_TABLES, log_file
 from twin.run.foreign_logs import foreign_table
 

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from twin.base.errors import LogError, TwinError
-from twin.identify.logs import read_any, wanted_columns
+from twin.identify.any_logs import read_any
+from twin.identify.log_columns import wanted_columns
 from twin.run.files import WRITERS as EXPORTERS
 from twin.run.files import export
 from twin.run.foreign_logs import foreign_table

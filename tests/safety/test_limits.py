@@ -1,4 +1,4 @@
-"""`twin.safety.faults`: The limits of the fault matrix against motions computed here."""
+"""`twin.safety.limits`: The limits of the fault matrix against motions computed here."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.drive import Motor
 from twin.hal.interface import Clamp, Limits
-from twin.safety.faults import (
-    CASES,
+from twin.safety.faults import CASES
+from twin.safety.limits import (
     LEVEL_RAD,
     STANDSTILL_RAD_S,
     AtFault,

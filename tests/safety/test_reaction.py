@@ -5,7 +5,7 @@ import pytest
 
 from twin.emulator.lockstep import PowerChange, TrueMotion
 from twin.emulator.power_stage import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE_FAULT, Power
-from twin.safety.faults import LEVEL_RAD, Stopper
+from twin.safety.limits import LEVEL_RAD, Stopper
 from twin.safety.trial import reaction
 
 ENABLED, QUICK, OFF = Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.SWITCH_ON_DISABLED

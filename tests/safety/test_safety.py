@@ -24,7 +24,8 @@ from twin.cli.rig import safety
 from twin.devices.own import OWN_CONDITIONS
 from twin.emulator.injection import MATRIX_ROWS
 from twin.hal.interface import Condition, Severity
-from twin.safety.faults import CASES, OF_DRIVES, OF_RIG, ROW_FUNCTIONS, choose_cases
+from twin.safety.causes import OF_DRIVES, OF_RIG, ROW_FUNCTIONS
+from twin.safety.faults import CASES, choose_cases
 from twin.safety.trial import run_case
 
 NUMBER = {case.name: index for index, case in enumerate(CASES)}

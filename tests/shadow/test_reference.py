@@ -15,7 +15,7 @@ from controllers.ballplate import BallPlate
 from docs.identify_errors import STEP_S, Rig, simulate_log
 from tests.plugins.axis_identified import axis_identification
 from twin.cli import main
-from twin.identify.logs import read_any
+from twin.identify.any_logs import read_any
 from twin.identify.parameters import plain_parameter
 from twin.identify.report import parameters
 from twin.identify.verdicts import ParameterVerdict

@@ -6,7 +6,7 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.rig import TILT_DIRECTIONS, advice, level
+from twin.cli.calibrate import TILT_DIRECTIONS, advice, level
 from twin.identify.parameters import BALL_PARAMETERS
 from twin.identify.verdicts import ParameterVerdict
 from twin.run.finished import record_run, run

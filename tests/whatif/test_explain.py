@@ -31,9 +31,9 @@ from twin.whatif.attribution import (
     attempt,
     attribute,
     describe_short_run,
+    effects_present,
     explain,
     plan,
-    present,
     summary,
     without,
 )
@@ -76,7 +76,7 @@ TYPICAL = {
 def full():
     """The circle with every effect that it lacks at such a size."""
     circle = load("circle")
-    has = {effect.name for effect in present(circle)}
+    has = {effect.name for effect in effects_present(circle)}
     return apply_overrides(circle, [each for name, each in TYPICAL.items() if name not in has])
 
 
@@ -89,20 +89,22 @@ def tried(scenario):
 
 def test_a_scenario_with_every_effect_has_them_all(full):
     own = {effect.name for effect in ON_THE_MECHANISM}
-    assert {effect.name for effect in present(full)} == own
+    assert {effect.name for effect in effects_present(full)} == own
 
 
 def test_how_the_ball_rolls_is_an_effect_of_the_exact_equations_alone(clean):
     spun = apply_overrides(clean, [{"plant.ball_spin": "free", "plant.start.spin": 5.0}])
-    assert [effect.name for effect in present(spun)] == ["rolling"]
-    assert without(spun, present(spun)) == clean
+    assert [effect.name for effect in effects_present(spun)] == ["rolling"]
+    assert without(spun, effects_present(spun)) == clean
     one, other = (tried(each.model_dump_json()) for each in (spun, clean))
     assert 1e-9 < np.abs(one.error - other.error).max() < 1e-3
 
 
 @pytest.mark.parametrize("effect", ON_THE_MECHANISM, ids=lambda effect: effect.name)
 def test_switching_one_effect_off_takes_it_and_no_other_away(effect, full):
-    gone = {e.name for e in ON_THE_MECHANISM} - {e.name for e in present(without(full, [effect]))}
+    gone = {e.name for e in ON_THE_MECHANISM} - {
+        e.name for e in effects_present(without(full, [effect]))
+    }
     # without dead time there is none that spreads
     implied = {"deadtime": {"spread"}}.get(effect.name, set())
     assert effect.name in gone
@@ -144,14 +146,14 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
 def test_a_limit_acts_where_it_is_reached(effect, limit):
     free = apply_overrides(without(load("step"), ON_THE_MECHANISM), SHORT)
     limited = apply_overrides(free, [limit])
-    assert [e.name for e in present(limited)] == [effect]
+    assert [e.name for e in effects_present(limited)] == [effect]
     one, other = (tried(s.model_dump_json()) for s in (limited, free))
     assert np.abs(np.hypot(*one.error[-1]) - np.hypot(*other.error[-1])) > 1e-6
 
 
 def test_a_plate_on_rods_has_no_effect_of_cams():
     course = load("circle", ["parameters=course", "plant.kind=mujoco"])
-    found = {effect.name for effect in present(course)}
+    found = {effect.name for effect in effects_present(course)}
     assert not found & {"vibration", "mass", "liftoff"}
     assert {"friction", "bandwidth"} <= found
 

@@ -21,8 +21,8 @@ from twin.cli.output import TERMINAL, progress, say, show, show_titles, warn
 
 if TYPE_CHECKING:
     from twin.lab.bench import Benchmark, BenchScore
-    from twin.lab.grade import Finding
     from twin.lab.schema import Lab
+    from twin.lab.selftest import Finding
 
 
 BENCHMARK_HEADINGS = (
@@ -262,7 +262,7 @@ def new(name: str, like: str | None, out: Path | None) -> int:
 
     With --like it is a whole copy: sheet, checks, hidden checks, solution and mutants.
     """
-    from twin.lab.grade import begin
+    from twin.lab.packs import begin
     from twin.lab.schema import read
 
     folder = out or Path(name)
@@ -318,7 +318,8 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
     for option, file in (("--out", out), ("--page", how["page"])):
         if file is not None:
             check_writable_file(file, option)
-    from twin.lab.grade import format_result, table
+    from twin.lab.result_files import format_result
+    from twin.lab.result_texts import table
 
     result = judge(**how, key=_text(key))
     if out is not None:
@@ -369,9 +370,12 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     to the marks has the class.
     """
     from twin.base.writing import write_whole, written_alone
-    from twin.lab import grade as grades
     from twin.lab.copies import find_alike
+    from twin.lab.grade import grade as grade_class
     from twin.lab.handed_in import collect
+    from twin.lab.pages import class_page
+    from twin.lab.result_files import marks
+    from twin.lab.result_texts import summary
     from twin.lab.schema import students
 
     if out.suffix != ".csv":
@@ -384,15 +388,15 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     for line in collected.left_out:
         warn(f"among the submissions: {line}")
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
-        found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
-    write_whole(out, grades.marks(lab, found))
+        found = grade_class(lab, key, names, handed_in, kept, processes, advance)
+    write_whole(out, marks(lab, found))
     page = out.with_suffix(".html")
     alike = [each.text(lab.language) for each in find_alike(lab, key, names or (), handed_in)]
     left_out = collected.left_out
-    text = grades.class_page(lab, found, kept, left_out, people=names, alike=alike)
+    text = class_page(lab, found, kept, left_out, people=names, alike=alike)
     write_whole(page, text)
     files = f"{out.name}, {page.name}; of each student {kept.name}/"
-    show(found, [grades.summary(found, lab.language), *alike], out.parent, files)
+    show(found, [summary(found, lab.language), *alike], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0
 
 
@@ -413,12 +417,12 @@ def _show_findings(lab: Lab, found: Iterable[Finding]) -> int:
 def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
     """Test a lab before a class uses it: solution with all points, mutants that fail."""
     from twin.base.writing import write_whole
-    from twin.lab import grade
     from twin.lab.schema import starter as made
+    from twin.lab.selftest import selftest as run_selftest
 
     if starter and not lab.answer.data:
         write_whole(lab.folder / lab.answer.file, made(lab.text("solution.py")))
-    return _show_findings(lab, grade.selftest(lab, processes or cores()))
+    return _show_findings(lab, run_selftest(lab, processes or cores()))
 
 
 @lab.command(cls=Command, example="lab calibrate signs --rigs 30")
@@ -432,10 +436,11 @@ def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
     Each is evaluated on so many rigs; exit code 1 where a mutant cannot be distinguished from the
     solution.
     """
-    from twin.lab import grade
+    from twin.lab.selftest import calibrate as propose_all
+    from twin.lab.selftest import candidates
 
-    with progress("calibrate", rigs * len(grade.candidates(lab)), "answers") as advance:
-        found = list(grade.calibrate(lab, rigs, processes or cores(), advance))
+    with progress("calibrate", rigs * len(candidates(lab)), "answers") as advance:
+        found = list(propose_all(lab, rigs, processes or cores(), advance))
     return _show_findings(lab, found)
 
 
@@ -454,7 +459,7 @@ def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
 @click.option("--out", type=PATH_TYPE, required=True, help="New file (gradescope) or folder.")
 def pack(out: Path, key: Path | None, **given: Any) -> int:
     """Pack a lab for students (folder, with a notebook) or for the grader of a course system."""
-    from twin.lab.grade import pack as packed
+    from twin.lab.packs import pack as packed
 
     packed(out=out, key=_text(key), **given)
     if given["system"] != "folder":

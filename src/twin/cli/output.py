@@ -81,7 +81,7 @@ def show(
         say(f"written to {folder}/: {files}")
 
 
-def written(folder: Path, *names: str) -> str:
+def list_written(folder: Path, *names: str) -> str:
     """Those of some files that are in a folder, in words; a part that writes one may be missing."""
     return ", ".join(name for name in names if (folder / name).exists()) or "nothing"
 

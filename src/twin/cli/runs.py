@@ -27,11 +27,11 @@ from twin.cli.output import (
     bold,
     dim,
     indicators,
+    list_written,
     reasons,
     say,
     show,
     show_titles,
-    written,
 )
 from twin.run.files import (
     FILM_SUFFIXES,
@@ -142,7 +142,7 @@ def run(
             "designed on, without dead time, noise or mechanism"
         )
     shown.append(bold(done.verdict))
-    files = written(folder, "picture.png", "metrics.json", "run.parquet")
+    files = list_written(folder, "picture.png", "metrics.json", "run.parquet")
     spoken = folder / "trace.log" if trace is None else trace
     if rig is not None and spoken.is_file():  # own hardware has no CAN bus
         shown.append(dim(f"the frames of the CAN bus: ballplate trace {spoken}"))
@@ -229,7 +229,7 @@ def compare(
         *map(bold, distances(measured, found.motions)),
     )
     assert found.folder is not None
-    files = written(found.folder, "compare.png", "compare.json")
+    files = list_written(found.folder, "compare.png", "compare.json")
     files += " and one folder per run" if found.folders else ""
     show(summaries, shown, found.folder, files)
     early = (not found[label].finished for label in found.folders)
@@ -285,7 +285,10 @@ def sweep(
     if any(row["outcome"] == "not run" for row in done.rows):
         TERMINAL.warn("interrupted: unfinished runs are not in the table")
     show(
-        numbers, [bold(done.title), done.table()], folder, written(folder, "sweep.png", "sweep.csv")
+        numbers,
+        [bold(done.title), done.table()],
+        folder,
+        list_written(folder, "sweep.png", "sweep.csv"),
     )
     return int(not done.finished)
 
@@ -373,7 +376,7 @@ def new(kind: str, name: str, like: str | None) -> int:
         start = start._replace(**LAW_STARTS[like])
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
-        raise ScenarioError(f"{file}: exists; nothing was written, choose another NAME")
+        raise ScenarioError(f"{file}: exists; nothing was list_written, choose another NAME")
     for table in CATALOG_TABLES if start.called[0] else ():
         if taken := choices(table).get(name):
             raise ScenarioError(f"{kind} '{name}': the name is taken by {taken.__module__}")

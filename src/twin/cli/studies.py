@@ -76,7 +76,7 @@ def study(
         *compare_pairs(about, found),
         *done.sentences,
         *early,
-        *(_screened(done) if done.screened else ()),
+        *(_describe_screen(done) if done.screened else ()),
     )
     drawn = "figures/, " if drawn_figures(about, found) else ""
     files = f"report.html, {drawn}rows.parquet, rows.csv"
@@ -90,7 +90,7 @@ def study(
     return 0
 
 
-def _screened(done: StudyResult) -> Iterator[object]:
+def _describe_screen(done: StudyResult) -> Iterator[object]:
     """What the screen of a study found, to print."""
     from twin.study.screen_report import blocks
 

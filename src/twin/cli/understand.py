@@ -23,11 +23,11 @@ from twin.cli.output import (
     bold,
     dim,
     indicators,
+    list_written,
     print_shipped,
     progress,
     show,
     warn,
-    written,
 )
 from twin.identify.parameters import (
     DEFAULT_PARAMETERS,
@@ -72,12 +72,12 @@ def explain(
     write_json(folder / "explain.json", numbers)
     with left_out(file := folder / "picture.png"):
         draw(file, found)
-    show(numbers, _effects(found), folder, written(folder, "picture.png", "explain.json"))
+    show(numbers, _effects(found), folder, list_written(folder, "picture.png", "explain.json"))
     return 0 if found.whole.rms is not None else 1
 
 
 def _effects(found: Explanation) -> Iterator[Shown]:
-    from twin.whatif.attribution import EFFECTS, describe_short_run, present
+    from twin.whatif.attribution import EFFECTS, describe_short_run, effects_present
 
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
@@ -101,7 +101,7 @@ def _effects(found: Explanation) -> Iterator[Shown]:
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
     yield f"all effects: {size_text(found.whole)}"
     yield f"none of them: {size_text(found.none)}: the law itself, on a clean model"
-    has = present(found.scenario)
+    has = effects_present(found.scenario)
     lacking = [effect.label for effect in EFFECTS if effect not in has]
     if lacking:
         yield f"not in this scenario: {', '.join(lacking)}"
@@ -188,7 +188,7 @@ def _survey_unknown(file: Path, separator: str | None) -> Survey | None:
     """A look at a log without columns of the known names; None of any other."""
     if is_record(file):
         return None
-    from twin.identify.logs import has_known_columns, open_content
+    from twin.identify.log_tables import has_known_columns, open_content
     from twin.identify.survey import survey
 
     content = open_content(file)
@@ -345,7 +345,8 @@ def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:
             that this program knows, or a ball is given for a run.
         ScenarioError: If a separator is given for a run.
     """
-    from twin.identify.logs import ball_factor, wanted_columns
+    from twin.identify.balls import ball_factor
+    from twin.identify.log_columns import wanted_columns
 
     if how.get("ball") is not None:
         ball_factor(how["ball"])

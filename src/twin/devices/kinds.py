@@ -19,14 +19,9 @@ from controllers.catalog import error_words
 from twin.base.errors import ScenarioError, nearest
 from twin.devices.akd.config import AkdConfig, DriveSettings
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.own import (
-    OwnScreenConfig,
-    OwnServos,
-    OwnServosConfig,
-    SeparateScreen,
-    load_screen,
-    load_servos,
-)
+from twin.devices.own import OwnServos, SeparateScreen
+from twin.devices.own_config import OwnScreenConfig, OwnServosConfig
+from twin.devices.own_loading import load_screen, load_servos
 from twin.hal.interface import Limits, PoweredScreen, PoweredServos
 
 DEVICE_ENTRY_POINTS = "ballplate.devices"

@@ -1,314 +1,34 @@
-"""Hardware of one's own behind the seam: a class with a few methods in place of drives or screen.
+"""Drivers of hardware of one's own: servos and a screen whose methods may fail at any time.
 
-One class may be both, ``backend = "my_rig.py:Arduino"`` in a rig file, or one half only: servos,
-``[drives] kind = "own"``, or a screen, ``[touch] kind = "own"``, each with its ``backend``.
-``ballplate.hardware`` is its public interface. A protection that it lacks, such as a watchdog on
-the board, is reported in every run.
+A protection that the hardware lacks, such as a watchdog on the board, is reported in every run.
 """
 
 from __future__ import annotations
 
-import inspect
 import math
-import runpy
-import sys
-import time
-from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from numbers import Real
-from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.catalog import EXECUTION_LOG, error_words, failed_line
-from twin.base.errors import RigError, ScenarioError
-from twin.devices.common import FaultReports, Ranged, net, range_field
+from twin.base.errors import RigError
+from twin.devices.common import FaultReports
+from twin.devices.own_config import BallThresholds, OwnConfig, OwnScreenConfig, OwnServosConfig
+from twin.devices.own_hardware import OwnDevice, Reading, ScreenHardware, ServoHardware
+from twin.devices.own_loading import describe_error
+from twin.devices.plate_tests import (
+    DIRECTION_TEST,
+    SCALE_TEST,
+    UNDELAYED_DIRECTION_TEST,
+    DirectionTest,
+)
 from twin.hal.agreement import OPPOSITE, WRONG_RATIO
 from twin.hal.interface import AXIS_NAMES, Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")
-Own = TypeVar("Own", bound="OwnDevice")
-
-
-class Reading(NamedTuple):
-    """The newest measurement of own hardware.
-
-    Attributes:
-        x: Ball along the longer side in m, from the middle of the plate; NaN where it is not seen.
-        y: The same along the shorter side.
-        at: When that arrived, s of ``Hardware.time``, so never ahead of it.
-        phi: Measured plate angle in rad, positive where it lets the ball roll to larger x; None
-            where there is no encoder.
-        theta: The same; positive where it lets the ball roll to smaller y.
-    """
-
-    x: float
-    y: float
-    at: float
-    phi: float | None = None
-    theta: float | None = None
-
-    @classmethod
-    def of_plate(cls, phi: float, theta: float, at: float) -> Self:
-        """Measurement of servos without a screen: plate angles in rad, and when they arrived, s."""
-        return cls(math.nan, math.nan, at, phi, theta)
-
-
-class OwnDevice(ABC):
-    """Common base of own servos and screens."""
-
-    @abstractmethod
-    def start(self) -> None:
-        """Connect; may wait. Servos bring the plate level, with torque."""
-
-    @abstractmethod
-    def stop(self) -> None:
-        """Disconnect; also called after any error. Servos stand still, then have no torque."""
-
-    @abstractmethod
-    def measure(self) -> Reading:
-        """The newest measurement, or the previous one if there is none; must not wait."""
-
-    def time(self) -> float:
-        """Monotonic time in s."""
-        return time.monotonic()
-
-    def faults(self) -> tuple[str, ...]:
-        """What the hardware reports of itself, in words; anything ends the run."""
-        return ()
-
-
-class ScreenHardware(OwnDevice):
-    """A screen or camera of one's own: derive from it, and write ``start``, ``measure``, ``stop``.
-
-    The loop calls ``measure`` once per control period from one thread. What is raised in it levels
-    the plate; the servos are other devices, and continue.
-    """
-
-
-class ServoHardware(OwnDevice):
-    """Servos of one's own: derive from it, and write ``start``, ``command``, ``stop``.
-
-    The loop calls ``measure`` and ``command`` once per control period from one thread; neither may
-    wait. What is raised in any of them stops the rig. ``measure`` is for a plate with encoders:
-    ``Reading.of_plate(phi, theta, self.time())``.
-    """
-
-    watchdog = False
-    """Whether the board itself holds the plate still when it hears nothing for a while."""
-
-    def measure(self) -> Reading:
-        """No encoder: nothing is measured."""
-        return Reading(math.nan, math.nan, self.time())
-
-    @abstractmethod
-    def command(self, rates: tuple[float, float], angles: tuple[float, float]) -> None:
-        """Move the plate until the next command.
-
-        Args:
-            rates: Plate rates (phi', theta') in rad/s, for drives that hold a speed.
-            angles: Plate angles (phi, theta) in rad at the end of the period, for servos that go to
-                a position. The rates add up to them.
-        """
-
-    def wait(self, seconds: float) -> None:
-        """Let time pass."""
-        time.sleep(seconds)
-
-
-class Hardware(ServoHardware, ScreenHardware):
-    """A rig of one's own: derive from it, and write ``start``, ``measure``, ``command``, ``stop``.
-
-    The loop calls ``measure`` and ``command`` once per control period from one thread; neither may
-    wait. What is raised in any of them stops the rig.
-    """
-
-    @abstractmethod
-    def measure(self) -> Reading:
-        """The newest measurement, the one before again if there is none."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _OwnSettings(Ranged):
-    """Settings of own hardware of any kind.
-
-    Attributes:
-        options: What the class is made with.
-        silent: Seconds without a new measurement after which the plate is levelled.
-    """
-
-    options: Mapping[str, Any] = field(default_factory=dict)
-    silent: float = net(0.25, 0.01, 5)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _PlateThresholds(_OwnSettings):
-    """Settings of own servos.
-
-    Attributes:
-        plate_lag: Time constant in s with which the plate follows its command; the plate angle of a
-            rig without an encoder is computed with it.
-        astray_deg: By how much the measured plate may differ from its command, deg.
-    """
-
-    plate_lag: float = range_field(0.0, 0, 2)
-    astray_deg: float = net(3.0, 0.1, 20)
-
-    @property
-    def lost(self) -> float:
-        """Plate angle in rad by which commanded and measured plate may differ."""
-        return math.radians(self.astray_deg)
-
-    @property
-    def late(self) -> float:
-        """Longest time in s from a command to the motion of the plate."""
-        return 0.1 + 2 * self.plate_lag
-
-
-@dataclass(frozen=True, kw_only=True)
-class _BallThresholds(_OwnSettings):
-    """Settings of an own screen.
-
-    Attributes:
-        unseen: Seconds without a ball in the measurements after which it counts as not seen.
-        rest: Seconds in which a ball is measured in one and the same place, on a plate tilted by
-            more than ``steep_deg``, after which the plate is levelled.
-        steep_deg: Tilt on which no ball rests, deg.
-    """
-
-    unseen: float = net(0.1, 0, 2)
-    rest: float = net(0.5, 0.05, 10)
-    steep_deg: float = net(2.0, 0.2, 20)
-
-
-@dataclass(frozen=True, kw_only=True)
-class OwnServosConfig(_PlateThresholds):
-    """The table ``[drives]`` of a rig file with ``kind = "own"``.
-
-    Attributes:
-        backend: File and class, ``my_servos.py:Feetech``.
-    """
-
-    keys = "drives."
-    backend: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class OwnScreenConfig(_BallThresholds):
-    """The table ``[touch]`` of a rig file with ``kind = "own"``.
-
-    Attributes:
-        backend: File and class, ``my_camera.py:Camera``.
-    """
-
-    keys = "touch."
-    backend: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class OwnConfig(_BallThresholds, _PlateThresholds):
-    """Settings of own hardware that is servos and screen, the table ``[own]``."""
-
-    keys = "own."
-
-
-@dataclass(frozen=True, kw_only=True)
-class _DirectionTest:
-    """When a plate counts as turning against its commands.
-
-    Attributes:
-        memory: Duration in s of the motion that is looked at.
-        delays: How many s later than its command the plate may move.
-        commanded: Minimum range of the command in rad.
-        slope: Measured angle per commanded one, at most, at every delay.
-        every: Number of periods from one look to the next.
-    """
-
-    memory: float = 0.6
-    delays: tuple[float, ...] = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
-    commanded: float = math.radians(2.0)
-    slope: float = -0.4
-    every: int = 8
-
-    def opposite(self, commanded: Array, measured: Array, period: float) -> bool:
-        """Whether an axis turned the other way, by its angles in rad period by period, (n,)."""
-        slopes = []
-        for delay in self.delays:
-            lag = round(delay / period)
-            asked, seen = commanded[: len(commanded) - lag], measured[lag:]
-            if len(asked) < 2 or not np.ptp(asked) >= self.commanded:
-                return False
-            asked = asked - asked.mean()
-            slopes.append(float(asked @ (seen - seen.mean())) / float(asked @ asked))
-        return max(slopes) <= self.slope
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ScaleTest:
-    """When a plate that misses its command counts as moving on a wrong scale.
-
-    The measured angle is explained by the commanded one, delayed and behind a first-order lag:
-    measured = gain * lagged(commanded, delay) + constant, by least squares, with an unknown start
-    of the lag.
-
-    Attributes:
-        delays: How many s later than its command the plate may move.
-        lags: Time constants in s with which it may follow.
-        commanded: Minimum range of the command in rad.
-        unexplained: Share of the motion, as root of the mean square, that may be left.
-        too_far: Gain from which no lag and no slow servo explains the motion.
-        too_near: Gain below which the plate is reported to turn too little.
-    """
-
-    delays: tuple[float, ...] = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
-    lags: tuple[float, ...] = (0.0, 0.05, 0.1, 0.2)
-    commanded: float = math.radians(2.0)
-    unexplained: float = 0.1
-    too_far: float = 1.3
-    too_near: float = 0.75
-
-    def gain(self, commanded: Array, measured: Array, period: float) -> float | None:
-        """Measured per commanded angle, both in rad period by period, (n,).
-
-        None where the command moves too little, or where no delay and lag explains the motion.
-        """
-        best: tuple[float, float] | None = None
-        time = period * np.arange(len(commanded))
-        for lag in self.lags:
-            followed = _follow(commanded, 1 - math.exp(-period / lag)) if lag else commanded
-            unknown = np.ones((len(time), 1))  # where the encoder has its zero, and the start
-            if lag:
-                unknown = np.column_stack((unknown, np.exp(-time / lag)))
-            for delay in self.delays:
-                late = round(delay / period)
-                asked, seen = followed[: max(0, len(followed) - late)], measured[late:]
-                if len(asked) < 2 or not np.ptp(asked) >= self.commanded:
-                    continue
-                known = np.column_stack((asked, unknown[: len(asked)]))
-                fitted = np.linalg.lstsq(known, seen, rcond=None)[0]
-                left = float(np.square(seen - known @ fitted).sum() / max(np.var(seen), 1e-12))
-                if best is None or left / len(seen) < best[0]:
-                    best = left / len(seen), float(fitted[0])
-        return best[1] if best and best[0] <= self.unexplained**2 else None
-
-
-def _follow(angle: Array, share: float) -> Array:
-    """An angle in rad, (n,), behind a first-order lag that takes in a share each period."""
-    followed, now = np.empty_like(angle), angle[0]
-    for index, each in enumerate(angle):
-        now += share * (each - now)
-        followed[index] = now
-    return followed
-
-
-SCALE_TEST = _ScaleTest()
-DIRECTION_TEST = _DirectionTest()
-UNDELAYED_DIRECTION_TEST = _DirectionTest(delays=(0.0,))
-"""The same for a plate that is known not to be where it should be, to tell in which way."""
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
 OWN_CONDITIONS = tuple(conditions("twin.devices").values())
@@ -316,87 +36,6 @@ OWN_CONDITIONS = tuple(conditions("twin.devices").values())
 FAILED, REPORTED, SILENT, ASTRAY, FROZEN, LACKING, *_OF_SCREEN = OWN_CONDITIONS
 SCREEN_FAILED, SCREEN_REPORTED = _OF_SCREEN
 """Conditions of an own screen, in place of ``FAILED`` and ``REPORTED``."""
-
-
-def load_backend(named: str, config: OwnConfig) -> Hardware:
-    """The hardware that a rig file names, servos and screen in one; nothing is opened.
-
-    Args:
-        named: File and class, ``my_rig.py:Arduino``.
-        config: Its options.
-
-    Raises:
-        ScenarioError: If there is no such class, or it cannot be made.
-    """
-    return _load(named, config.options, Hardware, "backend")  # type: ignore[type-abstract]
-
-
-def load_servos(config: OwnServosConfig) -> ServoHardware:
-    """The servos that the table ``[drives]`` names; nothing is opened.
-
-    A class that is a screen as well serves as servos; nobody reads where it sees the ball.
-
-    Raises:
-        ScenarioError: If there is no such class, or it cannot be made.
-    """
-    return _load(config.backend, config.options, ServoHardware, "drives.backend")  # type: ignore[type-abstract]
-
-
-def load_screen(config: OwnScreenConfig) -> ScreenHardware:
-    """The screen that the table ``[touch]`` names; nothing is opened.
-
-    Raises:
-        ScenarioError: If there is no such class, it cannot be made, or it would move the plate.
-    """
-    key = "touch.backend"
-    made = _load(config.backend, config.options, ScreenHardware, key)  # type: ignore[type-abstract]
-    if isinstance(made, ServoHardware):
-        raise ScenarioError(
-            f"{key}: {config.backend} includes servos and would move the plate when it "
-            "starts; a class for both devices is named as backend, above the tables"
-        )
-    return made
-
-
-def _load(named: str, options: Mapping[str, Any], base: type[Own], key: str) -> Own:
-    """The object of a class that a key of a rig file names."""
-    file, _, name = named.rpartition(":")
-    if not file.endswith(".py") or not Path(file).is_file():
-        raise ScenarioError(f"{key}: {named!r} must be FILE.py:CLASS; no file {file!r}")
-    EXECUTION_LOG.info("runs %s, the hardware of the rig file", file)
-    sys.path.append(str(Path(file).resolve().parent))  # modules that it imports may lie there
-    try:
-        kind = runpy.run_path(file).get(name)
-        if isinstance(kind, type) and issubclass(kind, base):
-            _check_options(kind, options, key)
-            return kind(**options)
-    except ScenarioError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise ScenarioError(f"{key}: {_describe_error(error, file)}") from error
-    raise ScenarioError(
-        f"{key}: {file} has no class {name!r} derived from ballplate.hardware.{base.__name__}"
-    )
-
-
-def _check_options(kind: type, options: Mapping[str, Any], key: str) -> None:
-    """Make sure that a class can be made with its options of the rig file.
-
-    Raises:
-        ScenarioError: If one is missing, or one too many.
-    """
-    signature = inspect.signature(kind)
-    try:
-        signature.bind(**options)
-    except TypeError as error:
-        where = "own.options" if key == "backend" else key.replace("backend", "options")
-        takes = ", ".join(signature.parameters) or "none"
-        raise ScenarioError(f"{where}: {error} (options of {kind.__name__}: {takes})") from None
-
-
-def _describe_error(error: BaseException, file: str) -> str:
-    """File, line and error in one line; the error alone if it came from elsewhere."""
-    return failed_line(error, {file}) or error_words(error)
 
 
 class _OwnDriver:
@@ -435,7 +74,7 @@ class _OwnDriver:
             self.reading = self._checked(self._device.measure())
         except (Exception, SystemExit) as error:
             self.stop()
-            raise RigError(f"{self.where}: {_describe_error(error, self._file)}") from error
+            raise RigError(f"{self.where}: {describe_error(error, self._file)}") from error
 
     def stop(self) -> None:
         """Let the hardware stop; idempotent, never raises."""
@@ -495,7 +134,7 @@ class _OwnDriver:
             return method()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
             if not self._is_reported(self._failed):
-                self._report(self._failed, _describe_error(error, self._file))
+                self._report(self._failed, describe_error(error, self._file))
             return None
 
     def _is_reported(self, condition: Condition) -> bool:
@@ -513,7 +152,7 @@ class _BallWatch:
         config: ``rest`` and ``steep_deg``.
     """
 
-    def __init__(self, config: _BallThresholds) -> None:
+    def __init__(self, config: BallThresholds) -> None:
         self._config = config
         self._place, self._moved = (math.nan, math.nan), math.inf
         """Where the ball was seen last, and since when it is seen there on a steep plate."""
@@ -692,7 +331,7 @@ class OwnServos(_OwnDriver):
                 text = f"{off.max():.1f} deg off for {now - self._astray:.1f} s"
                 self._report(ASTRAY, f"{text}{self._describe_scale(int(off.argmax()))}")
 
-    def _watch_direction(self, test: _DirectionTest) -> None:
+    def _watch_direction(self, test: DirectionTest) -> None:
         """Report an axis that is measured to turn against its commands."""
         if self._is_reported(OPPOSITE):
             return

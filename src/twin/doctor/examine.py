@@ -23,7 +23,8 @@ from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import Calibration, Mounting
 from twin.devices.lumio.screen import LumioScreen, TouchState
-from twin.devices.own import OwnServos, Reading
+from twin.devices.own import OwnServos
+from twin.devices.own_hardware import Reading
 from twin.devices.realtime import RealTimeClock, real_time
 from twin.devices.rig import HardwareRig
 from twin.doctor import drives

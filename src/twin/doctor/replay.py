@@ -20,15 +20,9 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.decoding import (
-    HOST,
-    PLACE,
-    SPEED,
-    Conversation,
-    Names,
-    Series,
-    TracedEvent,
-)
+from twin.devices.akd.decoding import HOST, Conversation, TracedEvent
+from twin.devices.akd.object_names import PLACE, SPEED, Names
+from twin.devices.akd.pdo_table import Series
 from twin.devices.akd.trace_files.frames import BusFrame
 from twin.emulator.can_bus import EmulatedBus, message
 from twin.emulator.drive import EmulatedDrive
@@ -113,7 +107,7 @@ def replay(
     recorded = Conversation(frames, names, rig)
     remarks, drives = list[str](), dict[int, EmulatedDrive]()
     for number, node in recorded.nodes.items():
-        vendor = recorded.values[number].get((0x1018, 1), protocol.AKD_VENDOR_ID)
+        vendor = recorded.objects.values[number].get((0x1018, 1), protocol.AKD_VENDOR_ID)
         if vendor != protocol.AKD_VENDOR_ID:
             remarks.append(f"{node.name}: no AKD, its vendor is {vendor:X}h: not replayed")
         elif node.frames.keys() - {"heartbeat", "guard answer"}:
@@ -245,7 +239,7 @@ def _compare_motors(
             each.series.get((pdo.node, key), Series(array("d"), array("q")))
             for each in (recorded, replayed)
         )
-        count, (factor, unit) = min(len(a.time), len(b.time)), recorded.scale(pdo.node, key)
+        count, (factor, unit) = min(len(a.time), len(b.time)), recorded.objects.scale(pdo.node, key)
         found: list[tuple[int, str, str]] = []
         if abs(len(a.time) - len(b.time)) > tolerances.pdos:
             off = np.subtract(a.time[:count], b.time[:count]) + recorded.begin - replayed.begin
@@ -261,7 +255,7 @@ def _compare_motors(
             wide = 2 * tolerances.pdos + 1
             low, high = minimum_filter1d(x, wide) - near, maximum_filter1d(x, wide) + near
             for k in np.flatnonzero((y < low) | (y > high))[:1].tolist():
-                own = f"{recorded.object_name(pdo.node, key)} {x[k]:.6g} {unit}"
+                own = f"{recorded.objects.name(pdo.node, key)} {x[k]:.6g} {unit}"
                 found.append((k, own, f"{y[k]:.6g} {unit}"))
         for k, own, other in found:
             text = f"{cob_id:03X}h {pdo.name}: {own}; emulated: {other}"

@@ -15,13 +15,13 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate, corner_frequency
 from twin.base.errors import LogError
 from twin.base.page import digits
+from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
 from twin.identify.corrections import find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
 from twin.identify.fallback import assess_plainly
 from twin.identify.first_look import FirstLook, look_first
 from twin.identify.least_squares import Estimate
-from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter, plain_parameter
 from twin.identify.plain_model import (
     AXIS_FITTING,

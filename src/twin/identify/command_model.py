@@ -9,8 +9,8 @@ from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from twin.identify.axis_logs import AxisLog
 from twin.identify.least_squares import SampleWindows
-from twin.identify.logs import AxisLog
 
 DRIVE_EFFECTS = ("dead_band", "play", "slew")
 """Nonlinearities of a drive."""

@@ -14,8 +14,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.page import digits
+from twin.identify.axis_logs import AnyLog
 from twin.identify.command_model import TiltHistory
-from twin.identify.logs import AnyLog
 from twin.identify.plain_model import AxisFit, find_admixture, find_clock_drift
 
 OTHER_AXIS = {"x": "y", "y": "x"}

@@ -19,10 +19,13 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from controllers.arrays import Array
+from twin.identify.axis_logs import AxisLog, EndStops
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook, look_first
-from twin.identify.logs import AXIS_COLUMNS, AxisLog, EndStops, Log, find_noise, runs
+from twin.identify.log_columns import AXIS_COLUMNS
+from twin.identify.logs import Log
 from twin.identify.prepare import log_of_axes
+from twin.identify.samples import find_noise, runs
 from twin.sim.plant.rim import NO_ENDS, Ends
 
 

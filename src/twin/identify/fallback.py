@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import FirstLook, look_at_rolling, look_plainly_in_several_ways
-from twin.identify.logs import AxisLog
 from twin.identify.parameters import plain_parameter
 from twin.identify.verdicts import (
     GIVEN_VERDICT,

@@ -26,8 +26,9 @@ from scipy.signal import fftconvolve, savgol_filter
 
 from controllers.arrays import Array, Mask
 from twin.base.page import digits
+from twin.identify.axis_logs import AxisLog
 from twin.identify.command_model import TiltHistory
-from twin.identify.logs import AxisLog, find_noise
+from twin.identify.samples import find_noise
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,6 +21,7 @@ from scipy.optimize import least_squares
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
+from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AxisLog, EndStops
 from twin.identify.command_model import (
     DEAD_BAND_SCAN,
     DRIVE_EFFECTS,
@@ -43,7 +44,6 @@ from twin.identify.least_squares import (
     fit_starts_from_scratch,
     minimise,
 )
-from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog, EndStops
 from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.verdicts import (
     HOLD_OUT,

@@ -16,9 +16,9 @@ from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.hal.cams import CamTable
 from twin.identify.least_squares import Estimate, Fit, FitProblem, SampleWindows, minimise
-from twin.identify.logs import resolution
 from twin.identify.parameters import DRIVE_PARAMETERS
 from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL_SPEED_M_S, PreparedLog, Segment, speed
+from twin.identify.samples import resolution
 from twin.sim.drives import Hysteresis, Play
 
 CORNER_FREQUENCIES_HZ = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)

@@ -18,9 +18,9 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.base.page import digits
+from twin.identify.axis_logs import AxisLog
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
-from twin.identify.logs import AxisLog
 from twin.identify.plain_model import (
     AXIS_FITTING,
     AxisFit,

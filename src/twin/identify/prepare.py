@@ -10,10 +10,14 @@ import scipy
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.logs import AXIS_COLUMNS, AxisLog, Log, find_noise, resolution, runs
+from twin.identify.axis_logs import AxisLog
+from twin.identify.log_columns import AXIS_COLUMNS
+from twin.identify.logs import Log
+from twin.identify.samples import find_noise, resolution, runs
 from twin.run.logs import check_reach
 
 COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
+"""Columns of the ball and of the plate along x, then along y."""
 
 
 def check_ranges(log: Log) -> None:
@@ -34,7 +38,7 @@ SPEED_INTERVAL_S = 0.02
 """Time in s between the measured speeds that a replay gets from before its beginning."""
 REST_SPEED_M_S, ROLL_SPEED_M_S = 0.004, 0.008
 """Measured speeds in m/s below which the ball rests and above which it rolls."""
-SPEED_SPAN = 0.3
+SPEED_SPAN_S = 0.3
 """Time in s over which the speed is measured, and shortest rest."""
 MIN_CREEP_M = 6e-4
 """Way in m from the first to the last third of a rest above which the ball creeps: some times the
@@ -47,7 +51,7 @@ for which contacts age."""
 def speed(time: Array, ball: Array) -> Array:
     """Speed of the ball by a local parabola through equally spaced samples, m/s, shape (K,)."""
     period = float(time[1] - time[0])
-    samples = max(5, round(SPEED_SPAN / period) | 1)
+    samples = max(5, round(SPEED_SPAN_S / period) | 1)
     velocity = scipy.signal.savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
     return np.hypot(velocity[:, 0], velocity[:, 1])
 
@@ -66,7 +70,7 @@ def rests(time: Array, ball: Array, moving: Array) -> list[tuple[float, float]]:
     found = []
     for a, b in runs(moving < REST_SPEED_M_S):
         third = (b - a) // 3
-        if time[b - 1] - time[a] > SPEED_SPAN:
+        if time[b - 1] - time[a] > SPEED_SPAN_S:
             crept = ball[b - third : b].mean(axis=0) - ball[a : a + third].mean(axis=0)
             if np.hypot(*crept) < MIN_CREEP_M:
                 found.append((float(time[a]), float(time[b - 1])))

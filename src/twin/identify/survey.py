@@ -13,13 +13,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import LogError
-from twin.identify.logs import (
-    ROLE_UNITS,
-    open_content,
-    parse_numbers,
-    split_content,
-    unit_factor,
-)
+from twin.identify.log_columns import ROLE_UNITS, unit_factor
+from twin.identify.log_tables import open_content, parse_numbers, split_content
 from twin.run.logs import split_unit
 from twin.run.readers import ForeignTable
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.least_squares import SampleWindows
-from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.plate_motion import plate_motion
 from twin.identify.prepare import (
     ROLL_SPEED_M_S,
     SPEED_INTERVAL_S,
-    SPEED_SPAN,
+    SPEED_SPAN_S,
     PreparedLog,
     Segment,
     interpolate,
@@ -112,8 +112,9 @@ def replay(
             for at once, as Coulomb's law has it.
         gain: Factor on what the plate's tilt and acceleration do to the ball: a number, or one per
             candidate, shape (C, 1).
-        paces: Speeds of the ball before the first step, ``PACE`` apart, m/s, shape (W, K), for
-            the time at rest; None for a ball that has rolled at its first speed for long.
+        paces: Speeds of the ball before the first step, ``SPEED_INTERVAL_S`` apart, m/s, shape
+            (W, K), for the time at rest; None for a ball that has rolled at its first speed for
+            long.
     """
     h, steps = REPLAY_STEP_S, len(field.push)
     p, v = start[:2], start[2:]
@@ -235,7 +236,8 @@ class Windows(SampleWindows):
 
     Attributes:
         resting: Whether the ball rests at the beginning, shape (W,).
-        paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
+        paces: Speeds of the ball over the last seconds before, ``SPEED_INTERVAL_S`` apart, m/s,
+            shape (W, K).
         field: What accelerates the ball.
         axes: Number of axes of the rig; of 1 the second counts nowhere and its level has no effect.
         white: What makes residuals white that hold unknown motion, shape (W, M, M); None where
@@ -440,18 +442,18 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     still = rests(time, segment.even_ball, moving)
     found: list[tuple[float, float, bool]] = []
     at = begin
-    while at < end - SPEED_SPAN:
+    while at < end - SPEED_SPAN_S:
         rest = next(((a, b) for a, b in still if a - 1e-9 <= at < b), None)
         if rest is None and moving[int(np.searchsorted(time, at))] <= ROLL_SPEED_M_S:
             at += 0.02
             continue
-        if rest is not None and rest[1] > end - SPEED_SPAN:
+        if rest is not None and rest[1] > end - SPEED_SPAN_S:
             break
-        first = at if rest is None else max(at, rest[1] - SPEED_SPAN)
+        first = at if rest is None else max(at, rest[1] - SPEED_SPAN_S)
         after = first if rest is None else rest[1]
         stop = next((a for a, _ in still if a > after), end)
-        last = min(first + longest, stop + SPEED_SPAN, end)
-        if last - first > SPEED_SPAN:
+        last = min(first + longest, stop + SPEED_SPAN_S, end)
+        if last - first > SPEED_SPAN_S:
             found.append((first, last - first, rest is not None))
         at = last
     columns = np.array(found, dtype=float).reshape(-1, 3)

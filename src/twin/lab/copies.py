@@ -177,7 +177,7 @@ def _values_of_others(
                 owner
                 for owner, values in given.items()
                 if any(
-                    f"{abs(each):.{len(mantissa) - 1}e}" == rounded(number, mantissa)
+                    f"{abs(each):.{len(mantissa) - 1}e}" == format_exponential(number, mantissa)
                     for each in values
                 )
             ]
@@ -185,6 +185,6 @@ def _values_of_others(
                 yield from (Alike("value", student, owner, number) for owner in owners)
 
 
-def rounded(number: str, mantissa: str) -> str:
+def format_exponential(number: str, mantissa: str) -> str:
     """A number in the form of ``e`` with all its digits."""
     return f"{float(number):.{len(mantissa) - 1}e}"

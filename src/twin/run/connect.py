@@ -19,7 +19,8 @@ from twin.base.errors import LogError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import Conversation
 from twin.devices.kinds import Surroundings, build_device
-from twin.devices.own import OwnScreen, OwnServos, load_backend
+from twin.devices.own import OwnScreen, OwnServos
+from twin.devices.own_loading import load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import CamTable, FixedRatio
@@ -249,7 +250,9 @@ def log_of_trace(
                 )
             newest = np.searchsorted(series.time, sync, side) - 1
             counts = np.unwrap(np.asarray(series.counts, float), period=2.0**32)
-            both.append(counts[np.maximum(newest, 0)] * conversation.scale(axis.node, key)[0])
+            both.append(
+                counts[np.maximum(newest, 0)] * conversation.objects.scale(axis.node, key)[0]
+            )
         return np.stack(both, axis=1)
 
     sync = np.asarray(conversation.sync)

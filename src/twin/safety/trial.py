@@ -40,8 +40,8 @@ from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
-from twin.safety.faults import (
-    CASES,
+from twin.safety.faults import CASES
+from twin.safety.limits import (
     LEVEL_RAD,
     STANDSTILL_RAD_S,
     AtFault,

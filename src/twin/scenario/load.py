@@ -110,21 +110,21 @@ def resolve(
     if not isinstance(lagging, Mapping):
         raise ScenarioError(f"{source}: {LAGGING}: must be a table of tables, got {lagging!r:.40}")
     own = {name: table for name, table in tables.items() if name != LAGGING}
-    found = _merged(own, source, settings)
+    found = _resolve_without_lag(own, source, settings)
     rig = found[0].get("rig")
     lag = rig.get("plate_lag", 0.0) if isinstance(rig, Mapping) else 0.0
     above, over = lagging.get("above", 0.0), {k: v for k, v in lagging.items() if k != "above"}
     if not isinstance(above, int | float) or not above >= 0:
         raise ScenarioError(f"{source}: {LAGGING}.above: must be a lag in s, got {above!r:.40}")
     late = isinstance(lag, int | float) and lag > above
-    return _merged(laid_over(own, over), source, settings) if over and late else found
+    return _resolve_without_lag(laid_over(own, over), source, settings) if over and late else found
 
 
 LAGGING = "lagging"
 """Tables of a scenario that lie over its own on a rig with a longer ``rig.plate_lag``."""
 
 
-def _merged(
+def _resolve_without_lag(
     tables: Mapping[str, Any], source: str, settings: Collection[tuple[str, Any]]
 ) -> tuple[Tables, str]:
     """The tables of ``resolve`` without a choice by the plate's lag."""
@@ -139,7 +139,7 @@ def _merged(
         merged, share, one_left = _merge_tables(tables, more, settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
-    merged = _judged_in_time(tables, merged, settings)
+    merged = _judge_in_time(tables, merged, settings)
     if "title" not in dict(settings):
         with suppress(OverflowError):  # the check of the tables reports the number
             merged = _with_real_title(tables, merged, share, one_left=one_left)
@@ -339,7 +339,7 @@ def _times(value: Any, share: float) -> Any:
     return float(f"{value * share:.12g}") if isinstance(value, int | float) else value
 
 
-def _judged_in_time(
+def _judge_in_time(
     tables: Mapping[str, Any], merged: Tables, settings: Collection[tuple[str, Any]]
 ) -> Tables:
     """Tables with an evaluation that begins in time.

@@ -14,7 +14,9 @@ from controllers.ballplate import BallPlate
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError
 from twin.base.settings import from_scenarios
-from twin.identify.logs import AnyLog, Log, ball_inertia, of_columns
+from twin.identify.axis_logs import AnyLog
+from twin.identify.balls import ball_inertia
+from twin.identify.logs import Log, of_columns
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import TwinProblem
 from twin.identify.windows import Windows

@@ -14,18 +14,13 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.settings import settings_of
+from twin.identify.any_logs import read_any
 from twin.identify.any_rig import AxisIdentification, identify_axes
+from twin.identify.axis_logs import AnyLog
+from twin.identify.balls import GRAVITY_SHARES, ball_factor
 from twin.identify.end_stops import find_ends
-from twin.identify.logs import (
-    AXIS_COLUMNS,
-    GRAVITY_SHARES,
-    AnyLog,
-    Log,
-    ball_factor,
-    read,
-    read_any,
-    wanted_columns,
-)
+from twin.identify.log_columns import AXIS_COLUMNS, wanted_columns
+from twin.identify.logs import Log, read
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE
 from twin.identify.prepare import prepare
 from twin.identify.report import write

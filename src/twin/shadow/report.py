@@ -16,8 +16,12 @@ from matplotlib.figure import Figure
 
 from twin.base.page import Block, Picture, Text, Verdict, html
 from twin.base.writing import write_json, write_whole
+from twin.identify.any_logs import read_any
+from twin.identify.axis_logs import AnyLog
+from twin.identify.balls import ball_factor
 from twin.identify.end_stops import find_ends
-from twin.identify.logs import AnyLog, Log, ball_factor, read, read_any, wanted_columns
+from twin.identify.log_columns import wanted_columns
+from twin.identify.logs import Log, read
 from twin.identify.prepare import check_ranges
 from twin.identify.windows import REPLAY_STEP_S
 from twin.run.assemble import drawn_mechanism

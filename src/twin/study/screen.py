@@ -352,7 +352,7 @@ class Screen:
             rows: Of these.
         """
         values = np.where(
-            _finished(rows), np.array(rows[self.work.study.metrics[0]], float), np.nan
+            _find_finished(rows), np.array(rows[self.work.study.metrics[0]], float), np.nan
         )
         for variant, which, place in ends:
             at = [
@@ -371,13 +371,13 @@ def _rows_of_part(part: str, work: Work, rows: pa.Table) -> pa.Table:
     return label_rows({**of, **work.labels}, rows)
 
 
-def _finished(rows: pa.Table) -> Any:
+def _find_finished(rows: pa.Table) -> Any:
     return np.array(pc.equal(rows["outcome"], "finished"), bool)
 
 
 def _by_point(work: Work, rows: pa.Table, variant: str, indicator: str) -> Array:
     """An indicator of a variant at each point, the mean over its noises; NaN if a run failed."""
-    every = np.where(_finished(rows), np.array(rows[indicator], float), np.nan)
+    every = np.where(_find_finished(rows), np.array(rows[indicator], float), np.nan)
     places = [k for k, task in enumerate(work.tasks) if task.variant == variant]
     return np.asarray(every[places].reshape(len(work.design), -1).mean(axis=1))
 

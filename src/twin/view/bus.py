@@ -12,7 +12,9 @@ import rerun.blueprint as rrb
 from controllers.arrays import Array
 from twin.base.writing import write_whole
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import LONG_PAUSE, STATUS, Conversation, axis_of
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.object_names import STATUS, axis_of
+from twin.devices.akd.rhythms import LONG_PAUSE
 from twin.view.lanes import BAD, CALM, GOOD, IDLE_COLOUR, WARNING, Lane, Rgb, changes, lane_columns
 from twin.view.recording import PLOT_GROUND, fix, new_stream, send
 from twin.view.streams import LANES_GROUP, LINE_COLOURS, Batch, line
@@ -81,9 +83,9 @@ def signals(conversation: Conversation) -> dict[str, dict[str, tuple[Array, Arra
     for (number, key), series in conversation.series.items():
         if axis_of(key[0])[0] in NO_SIGNAL_OBJECTS:
             continue
-        factor, unit = conversation.scale(number, key)
+        factor, unit = conversation.objects.scale(number, key)
         values = np.array(series.counts, float) * (factor if unit else 1.0)
-        name = conversation.object_name(number, key) + (f" [{unit}]" if unit else "")
+        name = conversation.objects.name(number, key) + (f" [{unit}]" if unit else "")
         found.setdefault(name, {})[conversation.called(number)] = np.array(series.time), values
     return dict(sorted(found.items(), key=lambda each: -len(each[1])))
 

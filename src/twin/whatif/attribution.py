@@ -96,7 +96,7 @@ def apply_overrides(scenario: Scenario, overrides: Iterable[Overrides]) -> Scena
     return Scenario.model_validate(tables, strict=False)
 
 
-def present(scenario: Scenario) -> tuple[Effect, ...]:
+def effects_present(scenario: Scenario) -> tuple[Effect, ...]:
     """The effects of a scenario, of those that its plant can leave out."""
     now = scenario.model_dump()
     on_rods = CAMS_ONLY if linkage_of(scenario) else ()
@@ -211,7 +211,7 @@ def plan(scenario: Scenario) -> dict[str, Scenario]:
         raise ScenarioError(
             "change: explain compares effects that last the whole run; leave [[change]] out"
         )
-    effects = present(scenario)
+    effects = effects_present(scenario)
     cases = {ALL: scenario, NONE: without(scenario, effects)}
     for effect in effects:
         others = [other for other in effects if other is not effect]
@@ -283,7 +283,7 @@ def attribute(scenario: Scenario, cases: Mapping[str, EffectCase]) -> Explanatio
     """
     whole, none = cases[ALL], cases[NONE]
     contributions = []
-    for effect in present(scenario):
+    for effect in effects_present(scenario):
         less, alone = cases[f"-{effect.name}"], cases[f"+{effect.name}"]
         first, last = _along(whole, alone, none), _along(whole, whole, less)
         share = None if first is None or last is None else (first + last) / 2

@@ -16,7 +16,9 @@ from twin.base.foreign import kind_of
 from twin.base.jobs import SecondProcess
 from twin.base.writing import write_json, write_whole
 from twin.hal.supervisor import INJECTED_BEGIN
-from twin.identify.logs import read, read_any, wanted_columns
+from twin.identify.any_logs import read_any
+from twin.identify.log_columns import wanted_columns
+from twin.identify.logs import read
 from twin.identify.prepare import check_ranges
 from twin.run.assemble import assemble
 from twin.run.files import WHATIF_FILE, forget, free, is_record, record_of, short_key, slug

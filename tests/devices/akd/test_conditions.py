@@ -18,7 +18,7 @@ from twin.devices.lumio.conditions import SCREEN_CONDITIONS
 from twin.emulator.can_bus import Towards
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.power_stage import Power
-from twin.safety.faults import OF_DRIVES
+from twin.safety.causes import OF_DRIVES
 
 ROOMS = ("twin.devices.akd", "twin.devices.lumio")
 ROWS = [

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.decoding import Conversation, Names
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.object_names import Names
 from twin.devices.akd.protocol import table
 
 EDS = Path(__file__).with_name("servo.eds")
@@ -334,7 +335,7 @@ SCALES = [
 def test_a_position_is_an_angle_of_the_driven_shaft_by_feed_gear_and_encoder():
     told = said(*SCALES, *numbers(0x6064, 0, 3600))
     assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 6.28319 rad"
-    factor, unit = told.scale(5, (0x6063, 0))  # in increments of the encoder, at the motor
+    factor, unit = told.objects.scale(5, (0x6063, 0))  # in increments of the encoder, at the motor
     assert (factor, unit) == (pytest.approx(2 * math.pi / (1 << 20)), "rad")
 
 
@@ -384,8 +385,8 @@ def test_the_scale_of_a_second_axis_is_its_own():
         data[2] += 8
         moved.append(frame(each.timestamp, each.arbitration_id, data.hex()))
     told = said(*moved)
-    assert told.scale(5, (0x6864, 0)) == (pytest.approx(2 * math.pi / 3600), "rad")
-    assert told.scale(5, (0x6064, 0)) == (1.0, "")
+    assert told.objects.scale(5, (0x6864, 0)) == (pytest.approx(2 * math.pi / 3600), "rad")
+    assert told.objects.scale(5, (0x6064, 0)) == (1.0, "")
 
 
 @pytest.mark.parametrize(
@@ -452,7 +453,7 @@ def test_bits_of_the_status_word_are_those_of_the_mode(mode, status, words):
         *reads(5, 0x6061, 0, f"{mode:02x}"),
         *reads(5, 0x6041, 0, status.to_bytes(2, "little").hex()),
     )
-    assert told.mode(5, 1) == mode
+    assert told.objects.mode(5, 1) == mode
     text = "operation enabled" + (f", {words}" if words else "")
     assert texts(told, "SDO")[-1] == (f"reads 6041h Status word of node 5: {text} ({status:04X}h)")
 

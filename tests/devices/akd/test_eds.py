@@ -6,8 +6,9 @@ import can
 import pytest
 
 from twin.base.errors import LogError
-from twin.devices.akd.decoding import Conversation, Names
+from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.eds import read_data_sheet
+from twin.devices.akd.object_names import Names
 
 SHEET = """[FileInfo]
 FileName=a.eds

@@ -81,7 +81,7 @@ def find_other_hosts(trace: Conversation, known: Sequence[Finding]) -> Iterator[
         if not trace.timed or not (sync or stream.name == "heartbeat"):
             continue
         rhythm = trace.observed.rhythms.get(stream)
-        given = trace.values[stream.node].get((0x1017, 0), 0) / 1e3 if stream.node else 0.0
+        given = trace.objects.values[stream.node].get((0x1017, 0), 0) / 1e3 if stream.node else 0.0
         usual = max(given, rhythm.usual if rhythm else 0.0)
         place = first_of_two(its.time, usual)
         if place is None or (sync and foreign):

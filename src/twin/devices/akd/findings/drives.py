@@ -8,17 +8,10 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import (
-    CONTROL,
-    ERROR_CODE,
-    FAULTS,
-    STATUS,
-    Conversation,
-    axis_of,
-    key_of_axis,
-)
+from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.finding import Finding, causes_of_error, plural, severity_at_end
 from twin.devices.akd.findings.motion import coasting
+from twin.devices.akd.object_names import CONTROL, ERROR_CODE, FAULTS, STATUS, axis_of, key_of_axis
 from twin.devices.akd.observed import BUS, Change
 from twin.devices.akd.protocol import DriveState
 
@@ -86,7 +79,7 @@ def _find_axes(trace: Conversation) -> Iterator[Axis]:
     """The axes whose status word is known."""
     for (node, (index, sub)), changes in trace.observed.changes.items():
         base, number = axis_of(index)
-        if base != STATUS or sub or not trace.is_drive(node):
+        if base != STATUS or sub or not trace.objects.is_drive(node):
             continue
         spans = list[Span]()
         for each in changes:
@@ -183,11 +176,11 @@ def _reports(
     key = key_of_axis(ERROR_CODE, axis.number)
     for code in trace.observed.changes.get((axis.node, key), ()):
         if code.value and soon <= code.time <= end:
-            yield Report(trace.words(axis.node, key, code.value), code.value, code.frame)
+            yield Report(trace.objects.words(axis.node, key, code.value), code.value, code.frame)
     for transfer in trace.observed.transfers:
         read = transfer.good and not transfer.writes and transfer.key[0] == FAULTS
         if read and transfer.node == axis.node and soon <= transfer.begin <= end:
-            number = transfer.value if transfer.key[1] and trace.is_akd(axis.node) else None
+            number = transfer.value if transfer.key[1] and trace.objects.is_akd(axis.node) else None
             if number:
                 yield Report(protocol.fault_words([number]), 0, transfer.frames[-1])
 

@@ -7,7 +7,8 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 
-from twin.devices.akd.decoding import PLACE, Conversation, key_of_axis
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.object_names import PLACE, key_of_axis
 
 MAX_COAST_S = 5.0
 """Time in s after a problem within which the motion belongs to it."""
@@ -35,7 +36,7 @@ def coasting(trace: Conversation, node: int, axis: int, begin: float, end: float
         begin: When the problem began, s.
         end: When it was over, s.
     """
-    plate = trace.plate_object(node) if axis == 1 else None
+    plate = trace.objects.plate_object(node) if axis == 1 else None
     for name, key in (("plate", plate), ("axis", key_of_axis(PLACE, axis))):
         series = trace.series.get((node, key)) if key else None
         if series is None or key is None:
@@ -49,7 +50,7 @@ def coasting(trace: Conversation, node: int, axis: int, begin: float, end: float
         farthest = max(moved, key=abs)
         if abs(farthest) <= STILL_COUNTS:
             return f"the {name} did not move"
-        factor, unit = trace.scale(node, key)
+        factor, unit = trace.objects.scale(node, key)
         way = f"{abs(farthest):.0f} counts"
         if unit == "rad":
             way = f"{math.degrees(abs(farthest * factor)):.3g} deg"

@@ -278,7 +278,7 @@ def _describe_watch(trace: Conversation, node: int, silence: float) -> str:
     """Who watches a node and allows a shorter silence, in words."""
     watches = (
         (watcher, *protocol.split_watch(value))
-        for watcher, values in sorted(trace.values.items())
+        for watcher, values in sorted(trace.objects.values.items())
         for (index, sub), value in values.items()
         if index == protocol.CONSUMER_HEARTBEAT and sub
     )

@@ -68,7 +68,7 @@ def cycles(trace: Conversation, stream: StreamKey) -> Cycles | None:
             counts[place - first] += 1
             last[place - first] = time
     index = (0x1800 if stream.name[0] == "T" else 0x1400) + int(stream.name[4:]) - 1
-    kind = trace.values[stream.node].get((index, 2))
+    kind = trace.objects.values[stream.node].get((index, 2))
     share = sum(counts) / len(counts)
     each = SHARES[0] <= share <= SHARES[1] if kind is None else kind == AT_EVERY_SYNC
     return Cycles(syncs.time[first:end], counts, last, len(syncs.time) - end) if each else None

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import MODES, STATUS, Conversation, key_of_axis
+from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import FAULTY, Axis, Span, axes, rising
 from twin.devices.akd.findings.finding import (
     SILENCES,
@@ -21,6 +21,7 @@ from twin.devices.akd.findings.finding import (
 )
 from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.findings.network import LEAVING, OBEY_S, was_commanded
+from twin.devices.akd.object_names import MODES, STATUS, key_of_axis
 from twin.devices.akd.observed import Change
 from twin.devices.akd.protocol import DriveState
 
@@ -144,7 +145,7 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 continue
             if is_explained(known, SILENCES, axis.node, begin):
                 continue
-            names = [trace.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
+            names = [trace.objects.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
             yield Finding(
                 code="mode-differs",
                 severity=severity_at_end(end),
@@ -265,7 +266,10 @@ def _frames_of(
             served
             and is_set is flag.set
             and protocol.state(each.value) is DriveState.OPERATION_ENABLED
-            and (not flag.modes or trace.mode(axis.node, axis.number, each.time) in flag.modes)
+            and (
+                not flag.modes
+                or trace.objects.mode(axis.node, axis.number, each.time) in flag.modes
+            )
         )
         yield each.time, each.frame if stands else None
 
@@ -274,7 +278,7 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
     """Following errors in PDOs that leave the window of the drive, which the trace has."""
     flagged = {(each.node, each.axis) for each in known if each.code == "following-error"}
     for axis in axes(trace):
-        window = trace.values[axis.node].get(key_of_axis(FOLLOWING_WINDOW, axis.number))
+        window = trace.objects.values[axis.node].get(key_of_axis(FOLLOWING_WINDOW, axis.number))
         series = trace.series.get((axis.node, key_of_axis(FOLLOWING_ERROR, axis.number)))
         if not window or window == NO_WINDOW or series is None:
             continue
@@ -304,7 +308,7 @@ def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[F
         times = [each.time for each in words]
         starts = rising(axis.controls, NEW_SETPOINT)
         for k, start in enumerate(starts):
-            mode = trace.mode(axis.node, axis.number, start.time)
+            mode = trace.objects.mode(axis.node, axis.number, start.time)
             end = starts[k + 1].time if k + 1 < len(starts) else trace.duration
             if mode not in (PROFILE_POSITION, HOMING) or end - start.time < OBEY_S:
                 continue

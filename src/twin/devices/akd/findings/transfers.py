@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from twin.base.errors import list_first
 from twin.devices.akd import protocol
-from twin.devices.akd.decoding import Conversation, axis_of
+from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.finding import (
     Finding,
     Severity,
@@ -16,6 +16,7 @@ from twin.devices.akd.findings.finding import (
     plural,
     severity_at_end,
 )
+from twin.devices.akd.object_names import axis_of
 from twin.devices.akd.observed import StrayAnswer, Transfer
 from twin.devices.akd.protocol import Key
 
@@ -131,7 +132,7 @@ def _axis(transfers: Sequence[Transfer]) -> int | None:
 def _objects(trace: Conversation, node: int, transfers: Sequence[Transfer]) -> str:
     """What is read or written, in words."""
     names = dict.fromkeys(
-        f"{'writing' if each.writes else 'reading'} {trace.object_name(node, each.key)}"
+        f"{'writing' if each.writes else 'reading'} {trace.objects.name(node, each.key)}"
         for each in transfers
     )
     return list_first(list(names), MAX_NAMED)
@@ -172,7 +173,7 @@ def find_overlaps(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
                 frames=tuple(each.frame for each in again),
             )
         if strays:
-            names = dict.fromkeys(trace.object_name(node, each.key) for each in strays)
+            names = dict.fromkeys(trace.objects.name(node, each.key) for each in strays)
             yield Finding(
                 code="sdo-stray",
                 severity=Severity.WARNING,
@@ -232,7 +233,7 @@ def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
     for (node, key), (write, read) in wrong.items():
         until = right.get((node, key))
         until = until if until is not None and until > read.begin else None
-        values = [trace.words(node, key, each.value or 0) for each in (write, read)]
+        values = [trace.objects.words(node, key, each.value or 0) for each in (write, read)]
         yield Finding(
             code="setting-differs",
             severity=severity_at_end(until),
@@ -240,12 +241,12 @@ def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
             until=until,
             node=node,
             axis=_axis([write]),
-            text=f"{trace.object_name(node, key)}: {values[0]} written, {values[1]} read",
+            text=f"{trace.objects.name(node, key)}: {values[0]} written, {values[1]} read",
             frames=(*write.frames, *read.frames),
         )
     for node in dict.fromkeys(node for node, _ in unread):
         its = sorted(each for (owner, _), each in unread.items() if owner == node)
-        names = [trace.object_name(node, each.key) for each in its]
+        names = [trace.objects.name(node, each.key) for each in its]
         yield Finding(
             code="setting-unread",
             severity=Severity.WARNING,

@@ -1,0 +1,323 @@
+"""Reads a log of any rig: chosen columns in SI units, as rows of one time, without false samples.
+
+What is left out or assumed on the way becomes a note of the log.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from controllers.arrays import Array, Mask
+from twin.base.errors import LogError
+from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
+from twin.identify.log_columns import AXIS_COLUMNS, ROLE_UNITS, ColumnWanted, unit_factor
+from twin.identify.log_tables import find_column, open_content, parse_numbers, split_content
+from twin.identify.samples import resolution, runs
+from twin.run.logs import UNIT_SCALES
+
+MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
+"""Distance in m from the middle of its positions that a ball on a plate comes to."""
+SPEED_WINDOW_S = 0.2
+"""Time in s over which a speed is seen."""
+REST_SPEED_M_S = 0.005
+"""Speed in m/s below which a ball may as well rest."""
+MIN_JUMP_M = 0.004
+"""Way in m at once before or after a repeated reading by which it is false or held."""
+
+
+def read_any(
+    path: Path,
+    wanted: Mapping[str, ColumnWanted],
+    separator: str | None = None,
+) -> AnyLog:
+    """Read a log of any rig.
+
+    Args:
+        path: A text file with columns, with or without a header, or a file of one of
+            ``foreign_logs.READERS_BY_KIND``.
+        wanted: Role to column.
+        separator: Between columns of text; None to find it.
+
+    Raises:
+        LogError: If it cannot be read, lacks a column, or a column is of an unknown unit.
+    """
+    header, cells, clocks, notes = split_content(path.name, open_content(path), wanted, separator)
+    columns: dict[str, Array] = {}
+    units: dict[str, str] = {}
+    times: dict[str, Array] = {}
+    roles: dict[int, str] = {}
+    for role, column in wanted.items():
+        index, unit = find_column(path.name, header, role, column)
+        if (other := roles.setdefault(index, role)) != role:
+            raise LogError(
+                f"--columns: {other} and {role}: both are column {column.name} of {path.name}; "
+                "give each role its own"
+            )
+        unit = column.unit or unit
+        factor = unit_factor(unit, ROLE_UNITS[role]) if unit else 1.0
+        if factor is None:
+            raise LogError(
+                f"{path.name}: {role}: unit '{unit}' of {column.name}; tell it, as "
+                f"{role}=NAME:{list(UNIT_SCALES[ROLE_UNITS[role]])[-1]}, with a factor before it "
+                "(a pixel of half a millimetre as NAME:0.5mm, a count as NAME:0.24deg)"
+            )
+        if index >= len(cells):
+            raise LogError(f"{path.name}: {role}: no column {column.name}: there are {len(cells)}")
+        values, broken = parse_numbers(cells[index])
+        if broken > 0.2 * len(values) or not np.isfinite(values).any():
+            raise LogError(f"{path.name}: {role}: {column.name} contains hardly any numbers")
+        if broken:
+            notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
+        columns[role] = column.sign * factor * values
+        if index in clocks:
+            times[role] = clocks[index]
+        counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
+        units[role] = "count" if counted else ROLE_UNITS[role]
+    rows = _on_one_clock(path.name, columns, times, notes)
+    return _clean_log(path.name, rows, units, notes, merged=rows is not columns)
+
+
+def _on_one_clock(
+    source: str, columns: dict[str, Array], times: Mapping[str, Array], notes: list[str]
+) -> dict[str, Array]:
+    """The columns as rows of one time, empty where a column has no sample.
+
+    Args:
+        source: What to call the file in messages.
+        columns: Role to values in SI units.
+        times: Role to times in s, of columns that have times of their own.
+        notes: Receives what was done.
+
+    Raises:
+        LogError: If there is no time, or a column has a different number of rows.
+    """
+    if "time" in columns:
+        base = times.get("time")
+
+        def shares_rows(each: Array) -> bool:
+            if base is None:
+                return len(each) == len(columns["time"])
+            return np.array_equal(each, base)
+
+        times = {k: each for k, each in times.items() if k != "time" and not shares_rows(each)}
+    missing = [role for role in columns if role not in times]
+    if missing and "time" not in columns:
+        raise LogError(f"{source}: {missing[0]} has no times; give time in --columns, too")
+    for role in missing:
+        if len(columns[role]) != len(columns["time"]):
+            raise LogError(
+                f"{source}: {role}: has {len(columns[role])} rows, time {len(columns['time'])}"
+            )
+    if not times:
+        return columns
+    clocks = {role: times[role] if role in times else columns["time"] for role in columns}
+    if "measured_y" in columns and "measured_x" in columns:
+        x, y = clocks["measured_x"], clocks["measured_y"]
+        if len(x) != len(y) or (x != y).any():
+            columns["measured_y"] = _interpolate(x, y, columns["measured_y"])
+            clocks["measured_y"] = x
+            notes.append("measured_y has times of its own: taken at those of measured_x")
+    every = np.unique(np.concatenate(list(clocks.values())))
+    every = every[np.isfinite(every)]
+    rows = {"time": every}
+    for role in filter(lambda role: role != "time", columns):
+        at, first = np.unique(clocks[role], return_index=True)
+        at, first = at[np.isfinite(at)], first[np.isfinite(at)]
+        rows[role] = np.full(len(every), np.nan)
+        rows[role][np.searchsorted(every, at)] = columns[role][first]
+    for role in {"age", "touched"} & columns.keys():
+        rows[role] = _hold(rows[role])
+    rates = sorted({float(f"{_rate(each):.3g}") for each in clocks.values()})
+    if len(rates) > 1:
+        listed = ", ".join(f"{each:g} Hz" for each in rates)
+        notes.append(f"columns have times of their own, at {listed}")
+    return rows
+
+
+def _interpolate(at: Array, time: Array, values: Array) -> Array:
+    """Values at some times by straight lines; NaN outside."""
+    known = np.isfinite(time) & np.isfinite(values)
+    order = np.argsort(time[known], kind="stable")
+    return np.interp(at, time[known][order], values[known][order], left=np.nan, right=np.nan)
+
+
+def _hold(values: Array) -> Array:
+    """Values with the newest one where there is none."""
+    newest = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
+    return values[newest]
+
+
+def _rate(time: Array) -> float:
+    """Rows per second; 0 of a clock that stands."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    return 1 / step if step > 0 else 0.0
+
+
+def _clean_log(
+    source: str,
+    columns: dict[str, Array],
+    units: dict[str, str],
+    notes: list[str],
+    *,
+    merged: bool = False,
+) -> AnyLog:
+    """A log of columns in SI units, without what is false in it.
+
+    Args:
+        source: What to call the file in messages.
+        columns: Role to values, shape (K,) each.
+        units: Role to unit.
+        notes: What was left out or assumed before.
+        merged: Whether columns with times of their own became rows of one time.
+
+    Raises:
+        LogError: If too little is left.
+    """
+    columns = _keep_rising_rows(columns, notes)
+    time = columns["time"]
+    balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
+    ball = np.stack(balls, axis=-1)
+    # of columns with times of their own two may be as close as it happens
+    sampled_at = time[np.isfinite(ball).all(axis=-1)] if merged else time
+    step = float(np.median(np.diff(sampled_at))) if len(sampled_at) > 1 else 0.0
+    if len(time) < 50 or not 2e-5 < step < MAX_COMMAND_GAP_S:
+        hint = "; milliseconds? tell time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
+        raise LogError(
+            f"{source}: {len(time)} usable rows, {step:.3g} s apart: at least 50 are needed, at "
+            f"most {MAX_COMMAND_GAP_S:g} s apart{hint}"
+        )
+    seen = columns.get("touched", np.ones_like(time)) > 0.5
+    sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
+    middle = np.nanmedian(ball, axis=0)
+    far = float(np.nanpercentile(np.abs(ball - middle), 99))
+    # on a plate, and hardly moved from there: no other unit makes a moving ball of it
+    resting = far < MIN_MOTION_M < np.abs(middle).max() < MAX_MOTION_M
+    if far == 0 or resting:
+        raise LogError(
+            f"{source}: the ball does not move: it stays within {far:.3g} m of one place, and must "
+            f"roll for {MIN_MOTION_M:g} m at least"
+        )
+    if not MIN_MOTION_M < far < MAX_MOTION_M:
+        either = "the ball hardly moves, or " if far <= MIN_MOTION_M else ""
+        raise LogError(
+            f"{source}: the ball's positions lie within {far:.3g} m of their middle, a plate's "
+            f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}tell the unit, as "
+            "measured_x=NAME:mm"
+        )
+    seen &= np.isfinite(ball).all(axis=-1)
+    false = _find_false_samples(ball, seen)
+    if false.any():
+        notes.append(
+            f"{int(false.sum())} ball positions left out: held, or far off their neighbours"
+        )
+    shown = np.flatnonzero(seen & ~false)
+    if len(shown) < 10:
+        raise LogError(
+            f"{source}: the ball is seen in {len(shown)} rows, too few to identify; record "
+            "a longer log"
+        )
+    shown = shown[np.argsort(sampled[shown], kind="stable")]
+    # rows of one frame, recognised by its age, are one sample
+    shown = shown[np.diff(sampled[shown], prepend=-np.inf) > min(step / 2, 1e-4)]
+    axes, tilts = {}, {}
+    seen_along = {
+        axis: columns[name][shown] for axis, (name, _) in AXIS_COLUMNS.items() if name in columns
+    }
+    for axis, place in seen_along.items():
+        angle = AXIS_COLUMNS[axis][1]
+        role = f"measured_{angle}" if f"measured_{angle}" in columns else f"command_{angle}"
+        known = np.isfinite(columns[role])
+        held, at = role.startswith("command"), sampled[shown]
+        across = (_speed(at, e) for e in seen_along.values() if e is not place and not held)
+        axes[axis] = AxisLog(time[known], columns[role][known], held, at, place, *across)
+        tilts[axis] = units[role]
+    return AnyLog(source, axes, tilts, tuple(notes))
+
+
+def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[str, Array]:
+    """Columns with the rows whose time is later than all before, from zero on.
+
+    Args:
+        columns: Role to values, shape (K,) each.
+        notes: Of the log, to which is added what was done.
+    """
+    there = np.isfinite(columns["time"])
+    columns = {role: values[there] for role, values in columns.items()}
+    time = columns["time"] - columns["time"][:1]
+    back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
+    for row in back:  # a clock that begins anew: a new part, after a gap
+        time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
+    if len(back):
+        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
+    kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
+    joined = _join_rows_of_one_time(time, kept, columns)
+    if joined:
+        notes.append(f"{joined} rows joined with the one before them, which is of the same time")
+    if (left := int((~kept).sum()) - joined) > 0:
+        notes.append(f"{left} rows of a time that does not rise left out")
+    return {role: values[kept] for role, values in (columns | {"time": time}).items()}
+
+
+def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -> int:
+    """Fill the empty cells of rows from later rows of the same time, in place; how many of these.
+
+    Programs write what they measure and what they command as rows of their own.
+
+    Args:
+        time: Of the rows, s, shape (K,).
+        kept: Rows whose time is later than all before, shape (K,).
+        columns: Role to values, shape (K,) each.
+    """
+    first = np.flatnonzero(kept)[np.cumsum(kept) - 1]
+    again = np.flatnonzero(~kept & (time == time[first]))
+    used = np.zeros(len(time), bool)
+    for values in columns.values():
+        fills = again[np.isfinite(values[again]) & ~np.isfinite(values[first[again]])]
+        fills = fills[np.unique(first[fills], return_index=True)[1]]  # of several the earliest
+        values[first[fills]] = values[fills]
+        used[fills] = True
+    return int(used.sum())
+
+
+def _speed(time: Array, place: Array) -> Array:
+    """Times in s and speeds in m/s, 0 of a slow ball, shape (2, N).
+
+    A speed is the slope of a parabola through the samples of ``SPEED_WINDOW_S``.
+    """
+    step = float(np.median(np.diff(time)))
+    even = np.arange(time[0], time[-1], step)
+    count = min(2 * round(SPEED_WINDOW_S / step / 2) + 3, (len(even) - 1) // 2 * 2 + 1)
+    speed = scipy.signal.savgol_filter(np.interp(even, time, place), count, 2, deriv=1, delta=step)
+    return np.stack((even, np.where(np.abs(speed) > REST_SPEED_M_S, np.abs(speed), 0.0)))
+
+
+def _find_false_samples(ball: Array, seen: Mask) -> Mask:
+    """Samples that repeat an earlier one or show no ball, shape (K,).
+
+    A reading that repeats before or after a jump is a value held while no ball was detected; a
+    ball at rest does not jump. Single false ones are found by the median of their neighbours.
+    """
+    false = np.zeros_like(seen)
+    at = np.flatnonzero(seen)
+    if len(at) < 9:
+        return false
+    here = ball[at]
+    grid = max(resolution(here[:, axis]) for axis in range(here.shape[1]))
+    usual = np.median(np.abs(np.diff(here, n=2, axis=0)), axis=0).max()
+    jump = max(MIN_JUMP_M, 2.5 * grid, 8 * usual)
+    step = np.concatenate((np.abs(np.diff(here, axis=0)).max(axis=1), [0.0]))
+    for first, stop in runs(np.asarray(step[:-1] == 0)):
+        after = step[stop]
+        before = step[first - 1] if first else 0.0
+        if stop - first >= 2 and max(before, after) > jump:
+            false[at[first + (before <= jump) : stop + 1]] = True
+    at = np.flatnonzero(seen & ~false)
+    here = ball[at]
+    off = np.abs(here - scipy.ndimage.median_filter(here, size=(9, 1), mode="nearest")).max(axis=1)
+    false[at[off > np.maximum(jump, 3 * np.percentile(off, 90))]] = True
+    return false

@@ -1,0 +1,105 @@
+"""Roles of the columns of a log of any rig, and which columns a person gives them.
+
+A column is given as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the third,
+``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from twin.base.errors import LogError, suggest
+from twin.run.logs import UNIT_SCALES
+
+ROLE_UNITS = {
+    "time": "s",
+    "measured_x": "m",
+    "measured_y": "m",
+    "command_phi": "rad",
+    "command_theta": "rad",
+    "measured_phi": "rad",
+    "measured_theta": "rad",
+    "age": "s",
+    "touched": "1",
+}
+"""Roles of columns, and their SI units."""
+ROLE_ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
+"""Other names of a role: the command of phi moves the ball along x."""
+AXIS_COLUMNS = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
+"""The ball's column and the plate's angle that moves it, of each axis."""
+COUNT_UNITS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
+"""Units of a command other than angles."""
+
+
+@dataclass(frozen=True)
+class ColumnWanted:
+    """The column of a role, and the conversion of its numbers to SI.
+
+    Attributes:
+        name: In the header, or its number from 1 on.
+        unit: As given; empty for the unit of the header, or SI if that has none.
+        sign: 1 or -1.
+    """
+
+    name: str
+    unit: str
+    sign: float
+
+
+def wanted_columns(text: str) -> dict[str, ColumnWanted]:
+    """Read the wanted columns from a list ``role=name:unit,...``.
+
+    Raises:
+        LogError: If a role is unknown, given twice, or required and missing.
+    """
+    found: dict[str, ColumnWanted] = {}
+    for part in filter(None, (each.strip() for each in text.split(","))):
+        role, equals, name = (each.strip() for each in part.partition("="))
+        role = ROLE_ALIASES.get(role, role)
+        if role not in ROLE_UNITS or not equals or not name:
+            meant = "" if role in ROLE_UNITS else suggest(role, ROLE_UNITS)
+            raise LogError(
+                f"--columns: '{part}'{meant or ':'} give ROLE=NAME:UNIT, role one of "
+                + ", ".join(ROLE_UNITS)
+            )
+        if role in found:
+            raise LogError(f"--columns: {role}: given twice")
+        sign = -1.0 if name.startswith("-") and len(name) > 1 else 1.0
+        name, _, unit = name.removeprefix("-").rpartition(":")
+        name, unit = (name, unit) if name else (unit, "")
+        if unit and unit_factor(unit, ROLE_UNITS[role]) is None:
+            known = ", ".join(filter(None, _unit_scales(ROLE_UNITS[role])))
+            raise LogError(
+                f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
+            )
+        found[role] = ColumnWanted(name.strip(), unit, sign)
+    lacking: list[str] = []
+    if not any(ball in found for ball, _ in AXIS_COLUMNS.values()):
+        lacking.append("measured_x or measured_y")
+    for ball, angle in AXIS_COLUMNS.values():
+        if ball in found and not {f"command_{angle}", f"measured_{angle}"} & set(found):
+            lacking.append(f"command_{angle} or measured_{angle}, for {ball}")
+    if lacking:
+        raise LogError(f"--columns: give {'; '.join(lacking)}, too")
+    return found
+
+
+def unit_factor(unit: str, si: str) -> float | None:
+    """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none."""
+    unit = unit.replace("°", "deg").replace("µ", "u")
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
+    if match is None:
+        return None
+    scale = _unit_scales(si).get(match[2], 1.0 if match[1] and not match[2] else None)
+    try:
+        factor = float(match[1] or 1.0) * (scale or 0.0)
+    except ValueError:
+        return None
+    return factor if 0.0 < factor < math.inf else None
+
+
+def _unit_scales(si: str) -> dict[str, float]:
+    """The units of a quantity and their factors."""
+    return UNIT_SCALES[si] | (COUNT_UNITS if si == "rad" else {})

@@ -1,0 +1,253 @@
+"""Tables in files of any program: their columns, with or without a header, and numbers of cells."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.base.errors import LogError, suggest
+from twin.base.foreign import decode_text
+from twin.identify.log_columns import ColumnWanted
+from twin.run.foreign_logs import foreign_table
+from twin.run.logs import NEEDED_COLUMNS, SECOND_AXIS_COLUMNS, split_unit
+from twin.run.readers import ForeignTable
+
+SEPARATOR_NAMES = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+"""Names of separators that a command line may give instead of the sign."""
+COMMENT_MARKS = ("#", "%", "//")
+"""Beginnings of lines that are no rows."""
+BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
+"""Cells without a number, in small letters."""
+BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
+"""Words that stand for a number, in small letters."""
+FEW_ODD_ROWS = 0.02
+"""Up to this share of rows, a row with a different number of cells counts as damaged."""
+
+
+def open_content(path: Path) -> ForeignTable | str:
+    """The table of a file of one of ``foreign_logs.READERS_BY_KIND``, or else its text.
+
+    Raises:
+        TwinError: If it cannot be read.
+    """
+    try:
+        table = foreign_table(path)
+        return decode_text(path.read_bytes()) if table is None else table
+    except OSError as error:
+        raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+
+
+def split_content(
+    source: str,
+    content: ForeignTable | str,
+    wanted: Mapping[str, ColumnWanted],
+    separator: str | None = None,
+) -> tuple[list[str], list[Array | list[str]], dict[int, Array], list[str]]:
+    """Every column of a log.
+
+    Args:
+        source: What to call the file in messages.
+        content: Its table or its text.
+        wanted: Role to column; names that may be in the header.
+        separator: Between columns of text; None to find it.
+
+    Returns:
+        Headers, empty of a text without them; numbers or texts of each column; number of a column
+        to its own times in s; notes.
+
+    Raises:
+        LogError: If a text is empty, or its header does not fit its rows.
+    """
+    if isinstance(content, str):
+        header, cells, notes = _split_columns(source, content, wanted, separator)
+        return header, cells, {}, notes
+    header = [_with_unit(name, content.units.get(name)) for name in content.columns]
+    clocks = {k: content.clocks[n] for k, n in enumerate(content.columns) if n in content.clocks}
+    return header, list(content.columns.values()), clocks, list(content.notes)
+
+
+def has_known_columns(source: str, content: ForeignTable | str) -> bool:
+    """Whether a log has the columns of one axis by the names that this program knows.
+
+    Args:
+        source: What to call the file in messages.
+        content: Its table or its text.
+
+    Raises:
+        LogError: If a text is empty, or its header does not fit its rows.
+    """
+    known = {name: ColumnWanted(name, "", 1.0) for name in NEEDED_COLUMNS}
+    header, *_ = split_content(source, content, known)
+    names = {split_unit(each)[0] for each in header}
+    axes = (NEEDED_COLUMNS[1:3], SECOND_AXIS_COLUMNS)
+    return "time" in names and any(names >= set(each) for each in axes)
+
+
+def find_column(source: str, header: list[str], role: str, column: ColumnWanted) -> tuple[int, str]:
+    """Place of a column, and the unit that the header gives it.
+
+    Args:
+        source: What to call the file in messages.
+        header: The names of its columns; empty without any.
+        role: What the column is wanted for, in messages.
+        column: The column; a name in the header, with or without its unit, or a number.
+
+    Returns:
+        Index from 0, and the unit; empty if the header gives none.
+
+    Raises:
+        LogError: If no column has this name, or two have it.
+    """
+    for names in _name_columns(header):
+        if names.count(column.name.casefold()) > 1:
+            raise LogError(f"{source}: {role}: two columns are called {column.name}; give a number")
+        if column.name.casefold() in names:
+            index = names.index(column.name.casefold())
+            return index, split_unit(header[index])[1] or ""
+    if column.name.isdecimal() and int(column.name) >= 1:
+        return int(column.name) - 1, ""
+    has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
+    meant = suggest(column.name, (split_unit(each)[0] for each in header))
+    raise LogError(f"{source}: {role}: no column {column.name}{meant} (it has {has})")
+
+
+def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
+    """Numbers of cells, NaN where there is none, and how many are neither number nor blank."""
+    if not isinstance(cells, list):
+        return np.where(np.isfinite(cells), cells, np.nan), 0
+    values, broken = np.full(len(cells), np.nan), 0
+    for k, cell in enumerate(cells):
+        word = cell.casefold()
+        try:
+            values[k] = (
+                BOOLEAN_WORDS[word] if word in BOOLEAN_WORDS else float(cell.replace(",", "."))
+            )
+        except ValueError:
+            try:  # a date, or a time of day
+                day = "" if cell[2:3] != ":" else "2000-01-01 "
+                date = datetime.fromisoformat(day + cell.replace(",", "."))
+                values[k] = date.replace(tzinfo=UTC).timestamp()
+            except ValueError:
+                broken += word not in BLANK_CELLS
+    values[~np.isfinite(values)] = np.nan
+    return values, broken
+
+
+def _with_unit(name: str, unit: str | None) -> str:
+    """A column's name as a header has it."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def _split_columns(
+    source: str,
+    text: str,
+    wanted: Mapping[str, ColumnWanted],
+    separator: str | None,
+) -> tuple[list[str], list[Array | list[str]], list[str]]:
+    """The header and the columns of a text, as texts, and notes on rows that are left out.
+
+    Rows that are cut are left out: the first and the last if they are shorter than usual, and
+    others that are shorter or longer where these are few.
+
+    Args:
+        source: What to call the file in messages.
+        text: All of it.
+        wanted: Role to column.
+        separator: Between columns; None to find it.
+
+    Raises:
+        LogError: If it is empty, or its header does not fit its rows.
+    """
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENT_MARKS)]
+    lines = list(filter(str.strip, lines))
+    if not lines:
+        raise LogError(f"{source}: is empty")
+    split = _make_splitter(lines, SEPARATOR_NAMES.get(separator or "", separator))
+    rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
+    header, at = _find_header(rows, wanted)
+    rows = rows[at:]
+    counts = np.array([len(row) for row in rows], dtype=int)
+    usual = int(np.bincount(counts).argmax()) if len(rows) else 0
+    named = len(header)
+    known = {name for names in _name_columns(header) for name in names}
+    by_name = any(each.name.casefold() in known for each in wanted.values())
+    more = any(any(row[named:]) for row in rows if len(row) == usual)
+    if by_name and (more or (named > usual > 0 and split is str.split)):
+        raise LogError(
+            f"{source}: its header names {named} columns, its rows have {usual}: give the header a "
+            "name for each, or take it out and give numbers of columns"
+        )
+    odd = counts != usual
+    if odd.sum() > FEW_ODD_ROWS * len(odd):  # then the writing program pads rows like this
+        odd[1:-1] = False
+        odd &= counts < usual
+    notes = []
+    if odd.any():
+        cut = "the first row" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
+        notes.append(f"{cut} left out: not the usual {usual} cells")
+    kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
+    width = max(usual, named)
+    columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
+    return header, list(columns), notes
+
+
+def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
+    """Function that splits a line into cells: by the separator that most lines have equally often.
+
+    Raises:
+        LogError: If the given separator does not separate the columns.
+    """
+    if separator is None:
+        some = lines[len(lines) // 2 :][:50]
+
+        def alike(each: str) -> float:
+            counts = [line.count(each) for line in some]
+            usual = int(np.median(counts))
+            return float(np.mean([count == usual for count in counts])) if usual else 0.0
+
+        separator = next((s for s in (";", "\t", ",") if alike(s) > 0.8), " ")
+    if separator == " ":
+        return str.split
+    if not separator or set(separator) & set('"\r\n'):
+        raise LogError(
+            f"--separator {separator!r}: separates no columns; give a sign such as ; or "
+            f"one of the words {', '.join(word for word in SEPARATOR_NAMES if word.isalpha())}"
+        )
+    between = separator
+
+    def split(line: str) -> list[str]:
+        if '"' not in line or len(between) > 1:
+            return line.split(between)
+        return next(csv.reader([line], delimiter=between, skipinitialspace=True))
+
+    return split
+
+
+def _find_header(
+    rows: list[list[str]], wanted: Mapping[str, ColumnWanted]
+) -> tuple[list[str], int]:
+    """The names of the columns, empty without any, and the row at which numbers begin."""
+    for at, row in enumerate(rows[:50]):
+        known = {name for names in _name_columns(row) for name in names}
+        named = any(each.name.casefold() in known for each in wanted.values())
+        if named and not _is_number(row[0]):
+            return row, at + 1
+    for at, row in enumerate(rows[:50]):
+        if sum(_is_number(cell) for cell in row) > len(row) / 2:
+            return rows[at - 1] if at else [], at
+    return [], 0
+
+
+def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:
+    """The names of columns as they stand and without their units, in small letters."""
+    return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
+
+
+def _is_number(cell: str) -> bool:
+    return re.fullmatch(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?[.,]?", cell) is not None
