@@ -530,14 +530,7 @@ def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, ab
 
 @pytest.mark.long
 @pytest.mark.parametrize("angles", [True, False])
-@pytest.mark.parametrize(
-    "lever",
-    [
-        0.155,
-        # the full model leaves the gain open, and the plain one, which has no lever, has 17 % less
-        pytest.param(-0.08, marks=pytest.mark.xfail(reason="the plain model's gain", strict=True)),
-    ],
-)
+@pytest.mark.parametrize("lever", [0.155, -0.08])
 def test_what_the_plates_acceleration_does_is_not_taken_for_gain(axis_of, lever, angles):
     """Under a quick controller: half as much again by acceleration."""
     truth = {**TRUTH, "lag": 0.06, "dead_time": 0.05, "camber": 0.2}

@@ -597,7 +597,7 @@ def add_drive_effects(
         values["dead_band"] = np.array(how.scan.dead_bands)[few]
 
     def accepts(other: AxisFit, name: str, own: AxisFit) -> bool:
-        return other.value(name) > 0 and other.sigma < how.accepted_residual_share * own.sigma
+        return other.value(name) != 0 and other.sigma < how.accepted_residual_share * own.sigma
 
     alone = {}
     for name, each in values.items():
