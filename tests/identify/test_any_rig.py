@@ -563,7 +563,6 @@ def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_doe
 
 
 @pytest.mark.long
-@pytest.mark.xfail(reason="intervals over twice as wide as a ruler's error", strict=True)
 @pytest.mark.parametrize(("ball", "factor"), [("solid", 5 / 7), ("hollow", 3 / 5)])
 def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
     """By differences of the exact equations, of axes at two heights: x'' = a u + b u''."""

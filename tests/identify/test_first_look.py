@@ -102,7 +102,9 @@ def test_the_plain_model_is_found_by_windows_of_any_motion():
     gain, damping, delay = 6.0, 0.8, 0.15
     time, ball, sent = linear_motion(gain, damping, delay)
     for damped in (True, False):
-        found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9, damped=damped)
+        terms = ("damping",) if damped else ()
+        found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9, terms=terms)
+        assert found.terms == terms
         assert found.plain
         assert (found.gain == pytest.approx(gain, rel=0.01)) == damped
         assert (found.delay == pytest.approx(delay, abs=0.006)) == damped
