@@ -194,12 +194,12 @@ def look_with_levers(
 
     Args:
         log: The axis.
-        levers: Those that are tried, m.
+        levers: Those that are tried, rising, m.
         how: Constants.
 
     Returns:
-        For windows of each length the looks whose lever no likelihood ratio rejects, the best one
-        first.
+        For windows of each length the looks whose lever no likelihood ratio rejects and those next
+        to them, as the true lever lies between two; the best one first.
     """
     found = []
     for window_s in how.plain_windows_s:
@@ -207,8 +207,13 @@ def look_with_levers(
             look_plainly(replace(log, lever=each), window_s, how, ("friction", "camber"))
             for each in levers
         ]
-        looks = sorted((each for each in every if each), key=lambda each: each.misfit)
-        found += [e for e in looks if e.misfit - looks[0].misfit < how.max_likelihood_ratio]
+        misfits = np.array([each.misfit if each else np.inf for each in every])
+        if np.isinf(misfits).all():
+            continue
+        may_be = (misfits - misfits.min() < how.max_likelihood_ratio).astype(np.uint8)
+        near = maximum_filter1d(may_be, 3, mode="nearest") > 0
+        order = [k for k in np.argsort(misfits).tolist() if near[k]]
+        found += [look for k in order if (look := every[k])]
     return found
 
 
