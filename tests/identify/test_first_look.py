@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.any_rig import AXIS_SELECTION, identify_axes
+from twin.identify.any_rig import AXIS_SELECTION, _assess_axis, identify_axes
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.command_model import TiltHistory
 from twin.identify.fallback import PLAIN_WHY
@@ -24,6 +24,8 @@ from twin.identify.plain_model import (
     AxisFit,
     AxisProblem,
     find_significance,
+    find_term,
+    fit_axis,
     profile,
     profile_contenders,
 )
@@ -102,7 +104,9 @@ def test_the_plain_model_is_found_by_windows_of_any_motion():
     gain, damping, delay = 6.0, 0.8, 0.15
     time, ball, sent = linear_motion(gain, damping, delay)
     for damped in (True, False):
-        found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9, damped=damped)
+        terms = ("damping",) if damped else ()
+        found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9, terms=terms)
+        assert found.terms == terms
         assert found.plain
         assert (found.gain == pytest.approx(gain, rel=0.01)) == damped
         assert (found.delay == pytest.approx(delay, abs=0.006)) == damped
@@ -166,7 +170,8 @@ def test_identify_says_what_it_does_and_a_first_look_before_it_fits(log):
     assert told["gain_x"].low < TRUTH["gain"] < told["gain_x"].high
     assert told["gain_x"].why == PLAIN_WHY
     assert told["delay_x"].value == pytest.approx(TRUTH["dead_time"] + TRUTH["lag"], abs=0.02)
-    assert told["friction_x"].value is None
+    assert told["friction_x"].low < TRUTH["friction"] < told["friction_x"].high
+    assert told["lag_x"].value is None
     assert found.scores == ()
 
 
@@ -196,6 +201,27 @@ def test_a_parameter_that_acts_is_significant_and_one_that_does_not_is_not(axis_
     names = ("gain", "dead_time", "lag", "level", "friction")
     cambered = fit.refit(other, names, 2.5)
     assert find_significance(cambered, "camber") > 10
+
+
+def test_intervals_include_what_a_term_that_is_left_out_would_change(axis_log):
+    """The next step of a fit by one term more is what a fit with that term finds."""
+    bent = axis_log(3, seconds=25, rate=60.0, pixel=0.0, camber=0.1, **TRUTH)
+    log = AxisLog(bent[0], bent[2], True, bent[0], bent[1])
+    names = ("gain", "dead_time", "lag", "level", "friction")
+    without = fit_axis(log, names, 2.5, (0.0, 0.5))
+    changes, _ = find_term(without, "camber")
+    within = without.refit(log, (*names, "camber"), 2.5)
+    assert changes[-1] == pytest.approx(0.1, abs=0.02)
+    moved = within.value("gain") - without.value("gain")
+    assert changes[0] == pytest.approx(moved, rel=0.3)
+    told = {each.name: each for each in _assess_axis(without, "x", "rad")}
+    scale, half = without.problem.tilt.scale, without.estimate().half_width[0]
+    ends = (without.value("gain") + np.array([min(changes[0], 0), max(changes[0], 0)])) / scale
+    assert told["gain_x"].low <= ends[0] - half / scale
+    assert told["gain_x"].high >= ends[1] + half / scale
+    cheaper = replace(AXIS_SELECTION, optional_parameters=())
+    plain = {each.name: each for each in _assess_axis(without, "x", "rad", cheaper)}
+    assert plain["gain_x"].high - plain["gain_x"].low < told["gain_x"].high - told["gain_x"].low
 
 
 def test_candidates_that_have_converged_are_left_and_the_best_is_the_same(fit):

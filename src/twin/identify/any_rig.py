@@ -31,6 +31,7 @@ from twin.identify.plain_model import (
     add_drive_effects,
     cross_validate,
     find_significance,
+    find_term,
     fit_axis,
     prediction_times,
     profile_drives,
@@ -753,6 +754,7 @@ def _assess_axis(
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     rows = (*names, *(("delay",) if "lag" in names else ()))
+    pair = [k for k, name in enumerate(names) if name in {"dead_time", "lag"}]
     own = _append_total_delay(fit)
     low, high = own.value - own.half_width, own.value + own.half_width
     unlike = np.zeros(len(rows), bool)
@@ -768,6 +770,15 @@ def _assess_axis(
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
         word = f"{label} give a different value, which the interval includes: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
+    for term, changes in _find_left_out_terms(fit, selection):
+        moved = np.append(changes, changes[pair].sum()) if len(rows) > len(names) else changes
+        low, high = low + np.minimum(moved, 0.0), high + np.maximum(moved, 0.0)
+        reasons = [
+            each
+            + [f"the interval includes what a small {PLAIN_PARAMETERS[term].key} would change"]
+            * bool(abs(by) > half)
+            for each, by, half in zip(reasons, moved, own.half_width, strict=True)
+        ]
     for k, name in enumerate(names):
         if name in DOUBTED_WHERE_NOT_WHITE and not (fit.windowed or fit).explained:
             low[k], high[k] = low[k] - own.half_width[k], high[k] + own.half_width[k]
@@ -821,6 +832,27 @@ def _assess_axis(
         word, half = GIVEN_VERDICT, 2 * selection.fitting.drives.height_std_m
         given = replace(found.pop(), value=lever, word=word, why=LEVER_HELD_MESSAGE)
         found.append(replace(given, low=lever - half, high=lever + half))
+    return found
+
+
+def _find_left_out_terms(fit: AxisFit, selection: AxisSelection) -> list[tuple[str, Array]]:
+    """Optional terms that a fit has not, and by how much each would change its parameters.
+
+    A term too small to be significant still moves the others: a damping, the delay.
+
+    Args:
+        fit: Of an axis, P parameters.
+        selection: Constants.
+
+    Returns:
+        Names of the terms, and changes of shape (P,); none for a term of an impossible sign.
+    """
+    found = []
+    for name in selection.optional_parameters:
+        if name not in fit.problem.names and not fit.problem.drift:
+            changes, _ = find_term(fit, name)
+            if changes[-1] > PLAIN_PARAMETERS[name].least:
+                found.append((name, changes[:-1]))
     return found
 
 

@@ -5,9 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from twin.identify.axis_logs import AxisLog
-from twin.identify.first_look import FirstLook, look_at_rolling, look_plainly_in_several_ways
-from twin.identify.parameters import plain_parameter
+from twin.identify.first_look import (
+    FirstLook,
+    look_at_rolling,
+    look_plainly_in_several_ways,
+    look_with_levers,
+)
+from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
+from twin.identify.plain_model import AXIS_FITTING
 from twin.identify.verdicts import (
     GIVEN_VERDICT,
     IDENTIFIED_VERDICT,
@@ -16,10 +24,12 @@ from twin.identify.verdicts import (
     ParameterVerdict,
 )
 
-PLAIN_WHY = "by the plain linear model, whose variants its interval holds"
-"""Reason of a verdict of the plain linear model."""
+PLAIN_WHY = "by a plain model, whose variants its interval holds"
+"""Reason of a verdict by windows of any motion."""
 ROLLING_WHY = "by short windows of a ball that rolls in one direction"
 """Reason of a verdict by windows between end stops."""
+NAMES = {"damping": "viscous"}
+"""Parameters of the full model by terms of a look that have another name."""
 OPEN_WHY = "the full model leaves the gain open, and the model that shows it has none of this"
 """Reason of a verdict on a parameter that only the full model has."""
 
@@ -27,11 +37,12 @@ OPEN_WHY = "the full model leaves the gain open, and the model that shows it has
 def assess_plainly(
     log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
 ) -> tuple[list[ParameterVerdict], list[str]]:
-    """Verdicts with those of a first look where the full model leaves the gain open.
+    """Verdicts with those of first looks where the full model leaves the gain open.
 
-    Without end stops the look is the plain linear model. The intervals then hold what windows of
-    several lengths give, with damping and without: as far as these differ, the model is in error.
-    Between end stops only windows of a ball that rolls in one direction are short enough. They give
+    Without end stops the windows hold any motion. The intervals then hold what windows of several
+    lengths give, with damping and without, and with friction, camber and every lever that explains
+    them: as far as these differ, a model is in error, or the log does not show the gain. Between
+    end stops only windows of a ball that rolls in one direction are short enough. They give
     friction and camber instead of damping, by windows of one length.
 
     Args:
@@ -47,29 +58,27 @@ def assess_plainly(
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
     rolling = look_at_rolling(log) if log.stops is not None else None
-    looks = [rolling] if rolling else look_plainly_in_several_ways(log)
+    looks = [rolling] if rolling else _look_in_all_ways(log)
     if not looks:
         return list(verdicts), []
     first, found = looks[0], {}
     why = PLAIN_WHY if first.plain else ROLLING_WHY
-    attributes = {"gain": "gain", "delay": "delay", "level": "level"}
-    if not first.plain:
-        attributes |= {"friction": "friction", "camber": "camber"}
-    elif first.damping:
-        attributes["viscous"] = "damping"
-    for name, attribute in attributes.items():
+    for name in ("gain", "delay", "level", *first.terms):
         spans = [
             (value - 2 * std, value + 2 * std)
             for value, std in (
-                (getattr(each, attribute), getattr(each, f"{attribute}_std")) for each in looks
+                (getattr(each, name), getattr(each, f"{name}_std"))
+                for each in looks
+                if name not in first.terms or name in each.terms
             )
         ]
         low, high = min(each[0] for each in spans), max(each[1] for each in spans)
-        about, value = plain_parameter(name, unit, held=log.held), getattr(first, attribute)
+        about = plain_parameter(NAMES.get(name, name), unit, held=log.held)
+        value = getattr(first, name)
         narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
-        found[name] = ParameterVerdict(
+        found[NAMES.get(name, name)] = ParameterVerdict(
             about=about,
-            name=f"{name}_{axis}",
+            name=f"{NAMES.get(name, name)}_{axis}",
             value=value,
             low=low,
             high=high,
@@ -92,6 +101,28 @@ def assess_plainly(
     return [*found.values(), *kept, *given], [_describe_look(first, axis)]
 
 
+def _look_in_all_ways(log: AxisLog) -> list[FirstLook]:
+    """Looks by windows of any motion, first the one that explains them best for its terms."""
+    linear = look_plainly_in_several_ways(log)
+    rubbed = look_with_levers(log, _possible_levers(log))
+    if not linear or not rubbed:
+        return linear + rubbed
+    # by Bayes's information criterion; a lever is a term as well
+    criteria = [
+        each.misfit + (len(each.terms) + lever) * np.log(each.windows)
+        for each, lever in ((linear[0], 0), (rubbed[0], log.lever is None))
+    ]
+    return linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
+
+
+def _possible_levers(log: AxisLog) -> Sequence[float]:
+    """Levers in m of a log: all that a rig may have, or a given one within a ruler's error."""
+    if log.lever is None:
+        return PLAIN_PARAMETERS["lever"].tried
+    error = 2 * AXIS_FITTING.drives.height_std_m
+    return (log.lever - error, log.lever, log.lever + error)
+
+
 def _describe_look(look: FirstLook, axis: str) -> str:
     """A note on the look that answers instead of the full model.
 
@@ -100,18 +131,19 @@ def _describe_look(look: FirstLook, axis: str) -> str:
         axis: x or y.
     """
     share = 100 * look.explained
-    if look.plain:
+    begin = f"{axis}: the full model leaves the gain of this log open"
+    if not look.plain:
         return (
-            f"{axis}: the full model leaves the gain of this log open: its terms make up for each "
-            "other, or it is in error. A plain linear model by the weak form shows it: gain, dead "
-            "time + lag, level and damping are those of this model, which explains "
-            f"{share:.0f} % of the motion in {look.windows} windows; dead time from lag, friction "
-            "from damping, and play or dead band are not told apart"
+            f"{begin}. A ball that rolls in one direction between end stops shows it by the weak "
+            "form: gain, dead time + lag, level, friction and camber are those of its motion, "
+            f"{share:.0f} % of which they explain in {look.windows} windows; dead time from lag, "
+            "damping from friction, and play or dead band are not told apart"
         )
+    terms = f"level, {' and '.join(look.terms)}" if look.terms else "level"
     return (
-        f"{axis}: the full model leaves the gain of this log open. A ball that rolls in one "
-        "direction between end stops shows it by the weak form: gain, dead time + lag, level, "
-        f"friction and camber are those of its motion, {share:.0f} % of which they explain in "
-        f"{look.windows} windows; "
-        "dead time from lag, damping from friction, and play or dead band are not told apart"
+        f"{begin}: its terms make up for each other, or it is in error. A plain model by the weak "
+        f"form shows it: gain, dead time + lag, {terms} are those of this model, which explains "
+        f"{share:.0f} % of the motion in {look.windows} windows; dead time from lag, friction from "
+        "damping, and play or dead band are not told apart. The intervals hold what the model "
+        "gives with damping, with friction and camber, and with each lever that explains the log"
     )

@@ -8,7 +8,7 @@ is linear in gain, camber, level and friction at each delay d. The noise of the 
 the left only, where they are differentiated; the tilt has none. Only windows are taken in which the
 ball rolls in one direction and touches no end of its way, so that neither sticking nor an end stop
 is part of the equation. Where too few of them show anything, longer windows of any motion show
-gain, level and damping, as a plain linear model has them.
+gain, level and damping, as a plain linear model has them, or friction and camber in place of it.
 
 A clock that drifts makes the delay grow with time, which is one column more of the same equation,
 as is an offset of the clock of each recording where several are joined.
@@ -16,7 +16,7 @@ as is an offset of the clock of each recording where several are joined.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,8 @@ class WeakForm:
         max_gap_steps: Longest time between two samples of a window, in median steps.
         speed_window_s: Time over which the speed is measured.
         min_speed_m_s: Speed above which the ball rolls, and its direction is known.
+        friction_speed_m_s: Speed below which friction is taken as proportional to it, where windows
+            hold any motion.
         end_margin_m: Distance from the ends of the way within which an end stop may be touched.
         min_end_share: Share of the time near an end above which there may be an end stop.
         delays_s: Smallest and largest dead time.
@@ -56,6 +58,8 @@ class WeakForm:
         min_damping_stds: Smallest damping, in its standard deviations, that is believed.
         min_drift_stds: Smallest drift of a clock, in its standard deviations, that is believed.
         min_drift: Smallest such drift, as a share.
+        max_likelihood_ratio: Twice the logarithm of a likelihood ratio above which a lever is
+            rejected: the 95 % quantile of chi-squared with one degree of freedom.
     """
 
     step_s: float = 0.005
@@ -64,6 +68,7 @@ class WeakForm:
     max_gap_steps: float = 4.0
     speed_window_s: float = 0.12
     min_speed_m_s: float = 0.02
+    friction_speed_m_s: float = 0.005
     end_margin_m: float = 0.002
     min_end_share: float = 0.03
     delays_s: tuple[float, float] = (0.0, 0.5)
@@ -76,6 +81,7 @@ class WeakForm:
     min_damping_stds: float = 3.0
     min_drift_stds: float = 6.0
     min_drift: float = 1e-4
+    max_likelihood_ratio: float = 3.84
 
 
 WEAK_FORM = WeakForm()
@@ -104,6 +110,7 @@ class FirstLook:
         at_ends: Share of the time in which the ball is at an end stop.
         drift: By how much the clock of the positions is faster than that of the commands.
         drift_std: Its standard deviation.
+        terms: What the model has next to gain, delay and level: damping, friction, camber.
     """
 
     gain: float
@@ -124,6 +131,12 @@ class FirstLook:
     at_ends: float
     drift: float
     drift_std: float
+    terms: tuple[str, ...]
+
+    @property
+    def misfit(self) -> float:
+        """Twice the negative logarithm of the likelihood, but for a constant of the windows."""
+        return self.windows * float(np.log(max(1 - self.explained, 1e-12)))
 
     def drifts(self, how: WeakForm = WEAK_FORM) -> bool:
         """Whether the clock of the positions goes at a different speed."""
@@ -165,36 +178,77 @@ def look_plainly_in_several_ways(log: AxisLog, how: WeakForm = WEAK_FORM) -> lis
     """
     found = []
     for window_s in how.plain_windows_s:
-        both = [look_plainly(log, window_s, how, damped=damped) for damped in (True, False)]
+        both = [look_plainly(log, window_s, how, terms) for terms in (("damping",), ())]
         each = [look for look in both if look and look.damping >= 0]
         weak = len(each) > 1 and each[0].damping < how.min_damping_stds * each[0].damping_std
         found += each[::-1] if weak else each
     return found
 
 
+def look_with_levers(
+    log: AxisLog, levers: Sequence[float], how: WeakForm = WEAK_FORM
+) -> list[FirstLook]:
+    """Looks with friction and camber by windows of any motion, with levers that explain them.
+
+    The plate's acceleration moves a ball that is a lever above its axis: x'' = gain (u - lever u''
+    / g). Where a log hardly shows the lever, it does not show the gain of a quick motion either.
+
+    Args:
+        log: The axis.
+        levers: Those that are tried, rising, m.
+        how: Constants.
+
+    Returns:
+        For windows of each length the looks whose lever no likelihood ratio rejects and those next
+        to them, as the true lever lies between two; the best one first.
+    """
+    found = []
+    for window_s in how.plain_windows_s:
+        every = [
+            look_plainly(replace(log, lever=each), window_s, how, ("friction", "camber"))
+            for each in levers
+        ]
+        misfits = np.array([each.misfit if each else np.inf for each in every])
+        if np.isinf(misfits).all():
+            continue
+        may_be = (misfits - misfits.min() < how.max_likelihood_ratio).astype(np.uint8)
+        near = maximum_filter1d(may_be, 3, mode="nearest") > 0
+        order = [k for k in np.argsort(misfits).tolist() if near[k]]
+        found += [look for k in order if (look := every[k])]
+    return found
+
+
 def look_plainly(
-    log: AxisLog, window_s: float, how: WeakForm = WEAK_FORM, *, damped: bool = True
+    log: AxisLog,
+    window_s: float,
+    how: WeakForm = WEAK_FORM,
+    terms: tuple[str, ...] = ("damping",),
 ) -> FirstLook | None:
-    """The plain linear model of an axis by windows of any motion; None if they do not show it.
+    """A model of an axis by windows of any motion; None if they do not show it.
 
     Args:
         log: The axis.
         window_s: Length of the windows.
         how: Constants.
-        damped: Whether there is damping.
+        terms: Terms next to gain, delay and level: damping, friction, camber.
     """
     grid = _Grid.of(log, replace(how, window_s=window_s))
     if grid is None:
         return None
-    free, _, near = _find_free_windows(log, grid, how, rolling=False)
+    free, speed, near = _find_free_windows(log, grid, how, rolling=False)
     rows = grid.thin(free)
     if len(rows) < 4 * how.min_windows or grid.noise_share(log, rows) > how.max_noise_share:
         return None
+    way = np.clip(speed / how.friction_speed_m_s, -1.0, 1.0)
+    columns = {
+        "damping": (grid.ball, grid.slope),
+        "friction": (-way, grid.weight),
+        "camber": (grid.ball, grid.weight),
+    }
     others = [np.full(len(rows), grid.weight.sum())]
-    if damped:
-        others.append(grid.apply(grid.ball, grid.slope)[rows])
+    others += [grid.apply(*columns[term])[rows] for term in terms]
     found = _solve(log, grid, rows, np.stack(others, axis=-1), how)
-    return _describe_solution(log, grid, found, near, how, ("level", "damping"), plain=True)
+    return _describe_solution(log, grid, found, near, how, ("level", *terms), plain=True)
 
 
 def look_at_rolling(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
@@ -209,13 +263,13 @@ def look_at_rolling(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None
     grid = _Grid.of(log, how)
     if grid is None:
         return None
-    free, direction, near = _find_free_windows(log, grid, how, rolling=True)
+    free, speed, near = _find_free_windows(log, grid, how, rolling=True)
     rows = grid.thin(free)
     if len(rows) < 4 * how.min_windows or grid.noise_share(log, rows) > how.max_noise_share:
         return None
     area = np.full(len(rows), grid.weight.sum())
     bowed = grid.apply(grid.ball, grid.weight)[rows]
-    others = np.stack((area, -area * direction[rows], bowed), axis=-1)
+    others = np.stack((area, -area * np.sign(speed)[rows], bowed), axis=-1)
     found = _solve(log, grid, rows, others, how)
     names = ("level", "friction", "camber")
     return _describe_solution(log, grid, found, near, how, names, plain=False)
@@ -397,6 +451,7 @@ def _describe_solution(
     near: tuple[Mask, Mask],
     how: WeakForm,
     names: tuple[str, ...],
+    *,
     plain: bool,
 ) -> FirstLook | None:
     """The look of a solution; None if it is none.
@@ -444,6 +499,7 @@ def _describe_solution(
         at_ends=at_ends if at_ends > how.min_end_share else 0.0,
         drift=found.drift[0],
         drift_std=found.drift[1],
+        terms=tuple(names[1:]),
     )
 
 
@@ -466,7 +522,7 @@ def _make_test_function(half: int, step: float) -> tuple[Array, Array, Array]:
 def _find_free_windows(
     log: AxisLog, grid: _Grid, how: WeakForm, *, rolling: bool
 ) -> tuple[Mask, Array, tuple[Mask, Mask]]:
-    """Middles of windows without gap and end stop, the direction, and when it is at either end.
+    """Middles of windows without gap and end stop, the speed, and when the ball is at either end.
 
     Args:
         log: The axis.
@@ -492,4 +548,4 @@ def _find_free_windows(
     inside = np.zeros(len(time), bool)
     inside[grid.half : len(time) - grid.half] = True
     free = inside & rolls & ~touched & ~missing
-    return free, np.sign(speed), near
+    return free, speed, near

@@ -64,6 +64,9 @@ BLOCK_LANES = 3000
 MIN_CROSS_SPEED_RATIO = 0.3
 """Speed along the other axis, over the largest change of speed in a step, above which friction acts
 on both axes together."""
+WHITE_RATIO_STD = 1.7
+"""Standard deviation of the ratio by which ``AxisFit.explained`` judges, for N white residuals in
+windows of 25 to 250, times the square root of N: by simulation."""
 START_PRECISION = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
@@ -126,8 +129,9 @@ class DriveSearch:
         useful_cost_share: An effect whose first fits do not reduce the cost to this share is not
             fitted further: it would not reduce the residual to ``accepted_residual_share``.
         white_share: The residuals count as white if the scatter of successive ones, over the
-            scatter of white ones, is above this. It exceeds ``accepted_residual_share``: no drive
-            effect would then be accepted.
+            scatter of white ones, is above this, or is what few white ones may have by chance. It
+            exceeds ``accepted_residual_share``: no drive effect would then be accepted.
+        white_stds: Standard deviations of that ratio below one that count as chance.
         scan_windows: Number of windows by which values of a profile are rejected in advance.
         bracket_rise: Smallest rise of the cost in any draw at which the profile of a fit with white
             residuals ends: twice the largest difference of Gumbel numbers of a lever.
@@ -146,6 +150,7 @@ class DriveSearch:
     fitted_dead_bands: int = 8
     useful_cost_share: float = 0.97
     white_share: float = 0.95
+    white_stds: float = 2.0
     scan_windows: int = 20
     bracket_rise: float = 32.0
     scan: DeadBandScan = DEAD_BAND_SCAN
@@ -597,7 +602,7 @@ def add_drive_effects(
         values["dead_band"] = np.array(how.scan.dead_bands)[few]
 
     def accepts(other: AxisFit, name: str, own: AxisFit) -> bool:
-        return other.value(name) > 0 and other.sigma < how.accepted_residual_share * own.sigma
+        return other.value(name) != 0 and other.sigma < how.accepted_residual_share * own.sigma
 
     alone = {}
     for name, each in values.items():
@@ -714,7 +719,8 @@ class AxisFit(Fit[AxisProblem]):
         """Whether the residuals are as white as noise, so that no other model leaves much less.
 
         The scatter of differences of successive residuals, over the square root of two, equals the
-        scatter of the residuals if they are white, and is smaller if a motion is left in them.
+        scatter of the residuals if they are white, and is smaller if a motion is left in them. Both
+        are medians, so that a few disturbed windows do not count; of few residuals they scatter.
         """
         rows = zip(self.found.linearisation.r[0], self.problem.windows.weight[..., 0], strict=True)
         each = [row[: len(weight)][weight > 0] / weight[weight > 0] for row, weight in rows]
@@ -722,7 +728,9 @@ class AxisFit(Fit[AxisProblem]):
             float(np.median([np.median(np.abs(part)) for part in parts if len(part)]))
             for parts in (each, [np.diff(row) / np.sqrt(2) for row in each])
         )
-        return change > self.how.drives.white_share * size
+        how, count = self.how.drives, sum(map(len, each))
+        by_chance = 1 - how.white_stds * WHITE_RATIO_STD / np.sqrt(max(count, 1))
+        return change > min(how.white_share, by_chance) * size
 
     @property
     def window_s(self) -> float:
@@ -1101,8 +1109,17 @@ def _thin_prediction_times(
     return every[:: max(1, -(-len(every) // fitting.prediction.max_predictions))]
 
 
-def find_significance(fit: AxisFit, name: str) -> float:
-    """Standard deviations by which the next step of a fit would move a parameter from zero."""
+def find_term(fit: AxisFit, name: str) -> tuple[Array, Array]:
+    """Next step of a fit that has one term more, which begins at zero.
+
+    Args:
+        fit: Without the term, P parameters.
+        name: The term.
+
+    Returns:
+        Changes of the parameters and, last, the term; and their standard deviations, as of white
+        residuals; shapes (P + 1,).
+    """
     problem = replace(fit.problem, names=(*fit.problem.names, name))
     theta = np.append(fit.found.theta, [[0.0]], axis=1)
     line = problem.linearise(theta, fit.found.starts)
@@ -1110,7 +1127,13 @@ def find_significance(fit: AxisFit, name: str) -> float:
     each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
     normal = each[1:, 1:] + np.diag(problem.known[1] + 1e-9)
     inverse = np.linalg.inv(normal)
-    return float(abs((inverse @ each[1:, 0])[-1]) / np.sqrt(inverse[-1, -1]))
+    return -inverse @ each[1:, 0], np.sqrt(np.diagonal(inverse))
+
+
+def find_significance(fit: AxisFit, name: str) -> float:
+    """Standard deviations by which the next step of a fit would move a parameter from zero."""
+    changes, stds = find_term(fit, name)
+    return float(abs(changes[-1]) / stds[-1])
 
 
 def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
