@@ -9,7 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
+from ballplate.changes import (
+    Changes,
+    Settings,
+    Vary,
+    changes_of,
+    scenario_of,
+    varied_of,
+    warn_of_replaced,
+)
 from ballplate.comparing import carried_out, cases_of
 from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
 from twin.base.errors import LawError, ScenarioError
@@ -242,6 +250,7 @@ def sweep(
     report = reporter or default()
     check_processes(processes, report)
     title = scenario_of(scenario, base, titled=False).title
+    warn_of_replaced([scenario], base, report)
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
     folder = writable(out, report)
     rows: dict[int, dict[str, Any]] = {}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.changes import changes_of, scenario_of
+from ballplate.changes import changes_of, scenario_of, warn_of_replaced
 from twin.base.errors import LogError, ScenarioError
 from twin.base.page import Table, digits
 from twin.base.parts import left_out
@@ -60,7 +60,8 @@ def explain(
     from twin.whatif.attribution import describe_short_run, draw, plan, summary
     from twin.whatif.attribution import explain as explain_scenario
 
-    chosen = scenario_of(scenario, changes_of(overrides, {}))
+    chosen = scenario_of(scenario, changed := changes_of(overrides, {}))
+    warn_of_replaced([scenario], changed, TERMINAL)
     if short := describe_short_run(chosen):
         warn(short)
     named = run_folder(scenario, overrides)
@@ -449,7 +450,8 @@ def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     SCENARIO [sine] gives the controller, the dead time of its screen or camera with half a frame,
     and the lag of its drives.
     """
-    chosen = scenario_of(scenario, changes_of(overrides, {}))
+    chosen = scenario_of(scenario, changed := changes_of(overrides, {}))
+    warn_of_replaced([scenario], changed, TERMINAL)
     loop = _loop(chosen)
     show({"scenario": chosen.title, "loop": loop}, _describe_loop(loop))
 

@@ -370,8 +370,16 @@ def read(name: str) -> tuple[Tables, str]:
 def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     """Tables with those of more tables put in, key by key.
 
-    A new ``kind`` of controller, observer or reference drops the settings of the old.
+    A new ``kind`` of controller, observer or reference drops the settings of the old, and a setting
+    drops those that it replaces.
     """
+    law = more.get("controller")
+    given = [f"controller.{name}" for name in law] if isinstance(law, Mapping) else []
+    return _without_replaced(_laid_over(tables, more), given)
+
+
+def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
+    """Tables with those of more tables put in, key by key, without a look at what is replaced."""
     result = dict(tables)
     for key, value in more.items():
         old = result.get(key)
@@ -380,10 +388,56 @@ def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
                 None,
                 old.get("kind"),
             }:
-                result[key] = laid_over(old, value)
+                result[key] = _laid_over(old, value)
             case _:
                 result[key] = value
     return result
+
+
+def _replaced(tables: Mapping[str, Any], given: Collection[str]) -> dict[str, str]:
+    """Settings of the law in tables that given keys replace, as gains do poles, and by which.
+
+    A setting that is given itself stays: the check of the tables refuses the two together.
+    """
+    controller: Any = tables.get("controller")
+    kind = controller.get("kind") if isinstance(controller, dict) else None
+    law: Any = schema.choices("controller").get(kind) if isinstance(kind, str) else None
+    replaces: Mapping[str, tuple[str, ...]] = getattr(law, "replaces", {})
+    pairs = [(one, other) for one, others in replaces.items() for other in others]
+    return {
+        old: new
+        for pair in pairs
+        for new, old in (pair, pair[::-1])
+        if f"controller.{new}" in given and f"controller.{old}" not in given and old in controller
+    }
+
+
+def _without_replaced(tables: Tables, given: Collection[str]) -> Tables:
+    """Tables without the settings of the law that given keys replace."""
+    if not (old := _replaced(tables, given)):
+        return tables
+    law = {name: value for name, value in tables["controller"].items() if name not in old}
+    return tables | {"controller": law}
+
+
+def describe_replaced(name: str, settings: Collection[tuple[str, Any]]) -> str:
+    """The settings of a scenario's law that changes replace, in one line; empty if there are none.
+
+    Args:
+        name: A shipped scenario, or a TOML file.
+        settings: Dotted keys and values, as ``resolve`` takes them.
+
+    Raises:
+        ScenarioError: If the scenario cannot be read, or a key leads through a value.
+    """
+    tables, source = read(name)
+    kinds = [(key, value) for key, value in settings if key == "controller.kind"]
+    old = _replaced(put(tables, kinds), [key for key, _ in settings])
+    new, gone = (
+        " and ".join(f"controller.{each}" for each in dict.fromkeys(names))
+        for names in (old.values(), old)
+    )
+    return f"{new} replaces {gone} of {source}" if old else ""
 
 
 def setting(text: str) -> tuple[str, Any]:
@@ -412,12 +466,12 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
     """The tables with the values of dotted keys put in.
 
     Naming a new ``kind`` of controller, observer or reference drops the settings of the old; the
-    ball that is known stays.
+    ball that is known stays. A setting drops those that it replaces.
 
     Raises:
         ScenarioError: If a key leads through a value.
     """
-    result = copy.deepcopy(dict(tables))
+    result, settings = copy.deepcopy(dict(tables)), list(settings)
     for key, new in sorted(settings, key=lambda item: not item[0].endswith(".kind")):
         names = key.split(".")
         if len(names) > MAX_NESTING:
@@ -434,7 +488,7 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
             without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)
-    return result
+    return _without_replaced(result, [key for key, _ in settings])
 
 
 def check(tables: Mapping[str, Any], source: str) -> Scenario:
