@@ -143,6 +143,7 @@ def _merged(
     if "title" not in dict(settings):
         with suppress(OverflowError):  # the check of the tables reports the number
             merged = _with_real_title(tables, merged, share, one_left=one_left)
+        merged = _with_real_kinds(tables, merged)
     return merged, source
 
 
@@ -261,6 +262,62 @@ def _with_real_title(
     if one_left and _goes_along_y(after):
         stated.append("along x")
     return {**merged, "title": ", ".join((real, *stated))}
+
+
+def _with_real_kinds(tables: Mapping[str, Any], merged: Tables) -> Tables:
+    """Tables whose title names reference and law as they run, where another kind was chosen.
+
+    Of a reference the part of the title that names one goes, with its numbers; where none does, the
+    new one is named at the end. A law is named only where the old one was.
+    """
+    title = merged.get("title")
+    if not isinstance(title, str):
+        return merged
+    for table in ("reference", "controller"):
+        was, now = (_kind_of(each, table) for each in (tables, merged))
+        if not was or not now or was == now:
+            continue
+        if table == "reference":
+            title = _state_reference(title, now.replace("_", " "))
+        else:
+            named = rf"\b{re.escape(was.replace('_', ' '))}\b"
+            title = re.sub(named, _law_in_words(now), title, flags=re.IGNORECASE)
+    return {**merged, "title": title[:1].upper() + title[1:]}
+
+
+def _kind_of(tables: Mapping[str, Any], table: str) -> str:
+    """The kind of law or reference that tables name; empty if there is none of that name."""
+    found = tables.get(table)
+    kind = found.get("kind") if isinstance(found, Mapping) else None
+    return kind if isinstance(kind, str) and kind in schema.choices(table) else ""
+
+
+MAX_ACRONYM = 3
+"""Letters of the names of laws that are initials, as LQR."""
+
+
+def _law_in_words(kind: str) -> str:
+    """A kind of law as titles have it: ``LQR``, ``sliding mode``."""
+    return kind.upper() if len(kind) <= MAX_ACRONYM else kind.replace("_", " ")
+
+
+def _state_reference(title: str, now: str) -> str:
+    """A title with the new reference in place of the part that names one.
+
+    Args:
+        title: Parts with commas between them, as ``Sine on both axes, 150 mm at 0.5 rad/s``.
+        now: The new one's name.
+    """
+    kinds = "|".join(each.replace("_", " ") for each in schema.choices("reference"))
+    named = re.compile(rf"\b({kinds})\b", re.IGNORECASE)
+    parts = re.findall(r"(?:\([^)]*\)|[^,(])+", title)
+    at = next((i for i, part in enumerate(parts) if named.search(part)), None)
+    if at is None:
+        return f"{title}, reference {now}"
+    after = at + 1
+    while after < len(parts) and re.match(r" *[-(\d]", parts[after]):  # numbers of the old one
+        after += 1
+    return ", ".join(part.strip() for part in (*parts[:at], now, *parts[after:]))
 
 
 def _state_numbers(
@@ -589,6 +646,9 @@ def validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix:
     except ValidationError as error:
         known = every_key() if model is Scenario else []
         found = first_finding(model, error, known)
+        table, missing, rest = found.partition(".kind: missing; ")
+        if missing and rest and table in CATALOG_TABLES:
+            found = f"{table}.kind: missing; give one of {', '.join(schema.choices(table))}"
         if "; did you mean" not in found and (others := _kinds_with(model, error, prefix)):
             found = f"{found}; a key of {others}"
         raise ScenarioError(f"{source}: {prefix}{found}") from None
