@@ -29,7 +29,7 @@ from ballplate.reporter import (
     writable,
 )
 from ballplate.running import WORTH_PROCESS, importable
-from twin.base.errors import LawError, ScenarioError
+from twin.base.errors import LawError, ScenarioError, plural
 from twin.base.parts import left_out
 from twin.base.shipped import find
 from twin.base.writing import write_json, write_whole
@@ -663,4 +663,4 @@ def load(path: str | Path) -> Result | Comparison | Log:
     runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:
         return next(iter(runs.values()))
-    return Comparison(runs, f"Comparison of {len(runs)} runs", {})
+    return Comparison(runs, f"Comparison of {plural(len(runs), 'run')}", {})

@@ -20,7 +20,7 @@ from ballplate.changes import (
 )
 from ballplate.comparing import carried_out, cases_of
 from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
-from twin.base.errors import LawError, ScenarioError
+from twin.base.errors import LawError, ScenarioError, plural
 from twin.base.page import Block, Picture, Table, Text, fragment
 from twin.base.parts import left_out
 from twin.base.shipped import find
@@ -77,7 +77,7 @@ class Sweep:
         return len(self.rows)
 
     def __repr__(self) -> str:
-        return f"<Sweep {self.title!r} over {', '.join(self.keys)}: {len(self)} runs>"
+        return f"<Sweep {self.title!r} over {', '.join(self.keys)}: {plural(len(self), 'run')}>"
 
     def __getitem__(self, metric: str) -> list[Any]:
         """An indicator of every run; None where it does not apply.
@@ -329,7 +329,7 @@ class StudyResult:
         return self.work.study.title
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.title!r}: {self.rows.num_rows} runs>"
+        return f"<{type(self).__name__} {self.title!r}: {plural(self.rows.num_rows, 'run')}>"
 
     @property
     def sentences(self) -> list[str]:

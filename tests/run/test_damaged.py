@@ -100,7 +100,7 @@ def test_a_stream_without_some_periods_says_how_many(made, tmp_path, scenario):
     with stream([*rows], tmp_path / STREAM_FILE, {}, run_metadata(scenario())) as append:
         append(rows)
     assert open_run(tmp_path)[0].incomplete == (
-        "run.arrows: 10 periods are not in it: begun too late, or not written",
+        "run.arrows: 10 periods not in it: begun too late, or not written",
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.changes import changes_of, scenario_of, warn_of_replaced
-from twin.base.errors import LogError, ScenarioError
+from twin.base.errors import LogError, ScenarioError, plural
 from twin.base.page import Table, digits
 from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
@@ -67,7 +67,7 @@ def explain(
     named = run_folder(scenario, overrides)
     folder = check_writable(out or named.with_name(f"explain-{named.name}"))
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
-    with progress(f"{runs} runs of {chosen.title}", runs) as advance:
+    with progress(f"{plural(runs, 'run')} of {chosen.title}", runs) as advance:
         found = explain_scenario(chosen, advance, processes)
     numbers = summary(found)
     write_json(folder / "explain.json", numbers)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from twin.base.errors import plural
 from twin.identify.first_look import FirstLook, look_at_rolling, look_plainly_in_several_ways
 from twin.identify.logs import AxisLog
 from twin.identify.parameters import plain_parameter
@@ -105,13 +106,13 @@ def _describe_look(look: FirstLook, axis: str) -> str:
             f"{axis}: the full model leaves the gain of this log open: its terms make up for each "
             "other, or it is in error. A plain linear model by the weak form shows it: gain, dead "
             "time + lag, level and damping are those of this model, which explains "
-            f"{share:.0f} % of the motion in {look.windows} windows; dead time from lag, friction "
-            "from damping, and play or dead band are not told apart"
+            f"{share:.0f} % of the motion in {plural(look.windows, 'window')}; dead time from "
+            "lag, friction from damping, and play or dead band are not told apart"
         )
     return (
         f"{axis}: the full model leaves the gain of this log open. A ball that rolls in one "
         "direction between end stops shows it by the weak form: gain, dead time + lag, level, "
         f"friction and camber are those of its motion, {share:.0f} % of which they explain in "
-        f"{look.windows} windows; "
+        f"{plural(look.windows, 'window')}; "
         "dead time from lag, damping from friction, and play or dead band are not told apart"
     )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.base.errors import LogError, suggest
+from twin.base.errors import LogError, plural, suggest
 from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_in
 from twin.base.validation import read_tables
@@ -625,7 +625,9 @@ def read_any(
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
             raise LogError(f"{path.name}: {role}: {column.name} contains hardly any numbers")
         if broken:
-            notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
+            notes.append(
+                f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
+            )
         columns[role] = column.sign * factor * values
         if index in clocks:
             times[role] = clocks[index]
@@ -711,7 +713,8 @@ def _on_one_clock(
     for role in missing:
         if len(columns[role]) != len(columns["time"]):
             raise LogError(
-                f"{source}: {role}: has {len(columns[role])} rows, time {len(columns['time'])}"
+                f"{source}: {role}: has {plural(len(columns[role]), 'row')}, time "
+                f"{len(columns['time'])}"
             )
     if not times:
         return columns
@@ -794,8 +797,8 @@ def _split_columns(
     more = any(any(row[named:]) for row in rows if len(row) == usual)
     if by_name and (more or (named > usual > 0 and split is str.split)):
         raise LogError(
-            f"{source}: its header names {named} columns, its rows have {usual}: give the header a "
-            "name for each, or take it out and give numbers of columns"
+            f"{source}: its header names {plural(named, 'column')}, its rows have {usual}: give "
+            "the header a name for each, or take it out and give numbers of columns"
         )
     odd = counts != usual
     if odd.sum() > FEW_ODD_ROWS * len(odd):  # then the writing program pads rows like this
@@ -803,8 +806,8 @@ def _split_columns(
         odd &= counts < usual
     notes = []
     if odd.any():
-        cut = "the first row" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
-        notes.append(f"{cut} left out: not the usual {usual} cells")
+        cut = "the first row" if odd[0] and odd.sum() == 1 else plural(int(odd.sum()), "row")
+        notes.append(f"{cut} left out: not the usual {plural(usual, 'cell')}")
     kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
     width = max(usual, named)
     columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
@@ -966,8 +969,8 @@ def _clean_log(
     shown = np.flatnonzero(seen & ~false)
     if len(shown) < 10:
         raise LogError(
-            f"{source}: the ball is seen in {len(shown)} rows, too few to identify; record "
-            "a longer log"
+            f"{source}: the ball is seen in {plural(len(shown), 'row')}, too few to identify; "
+            "record a longer log"
         )
     shown = shown[np.argsort(sampled[shown], kind="stable")]
     # rows of one frame, recognised by its age, are one sample
@@ -1001,13 +1004,15 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     for row in back:  # a clock that begins anew: a new part, after a gap
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
     if len(back):
-        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
+        notes.append(
+            f"the clock begins anew {plural(len(back), 'time')}: taken as parts of their own"
+        )
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     joined = _join_rows_of_one_time(time, kept, columns)
     if joined:
-        notes.append(f"{joined} rows joined with the one before them, which is of the same time")
+        notes.append(f"{plural(joined, 'row')} joined with the one before, of the same time")
     if (left := int((~kept).sum()) - joined) > 0:
-        notes.append(f"{left} rows of a time that does not rise left out")
+        notes.append(f"{plural(left, 'row')} of a time that does not rise left out")
     return {role: values[kept] for role, values in (columns | {"time": time}).items()}
 
 

@@ -25,7 +25,7 @@ from markupsafe import Markup, escape
 
 from controllers.catalog import EXECUTION_LOG
 from twin.base.data_file import DataError, parse_json, read_regular
-from twin.base.errors import ScenarioError, TwinError, printable, shorten, suggest
+from twin.base.errors import ScenarioError, TwinError, plural, printable, shorten, suggest
 from twin.base.jobs import results
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html, inline
 from twin.base.page import render_template as rendered
@@ -859,7 +859,7 @@ def propose_limits(
         elif check.name in who.fails or (who.name == "starter" and (check.metric or check.number)):
             bad[float(np.median(sense * np.array(reached)))] = who.name
     if len(good) < rigs:
-        failed = f"the solution fails on {rigs - len(good)} of {rigs} rigs"
+        failed = f"the solution fails on {rigs - len(good)} of {plural(rigs, 'rig')}"
         return Finding(check.name, False, failed)
     full = max(np.median(good) + full_stds * good.std(), good.max())
     none = min(bad, default=np.inf)

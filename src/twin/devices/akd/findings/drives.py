@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
+from twin.base.errors import plural
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import (
     CONTROL,
@@ -17,7 +18,7 @@ from twin.devices.akd.decoding import (
     axis_of,
     key_of_axis,
 )
-from twin.devices.akd.findings.finding import Finding, causes_of_error, plural, severity_at_end
+from twin.devices.akd.findings.finding import Finding, causes_of_error, severity_at_end
 from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.observed import BUS, Change
 from twin.devices.akd.protocol import DriveState
