@@ -449,7 +449,7 @@ def study(
     report = reporter or default()
     check_processes(processes, report)
     called = name if isinstance(name, Mapping) else str(name)
-    work, screening = screened_work_of(called, keys, screen)
+    work, screening = screened_work_of(called, keys, screen, report)
     folder = writable(out, report)
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
@@ -479,7 +479,7 @@ def study(
 
 
 def screened_work_of(
-    name: str | Mapping[str, Any], keys: Mapping[str, Any], times: int | None
+    name: str | Mapping[str, Any], keys: Mapping[str, Any], times: int | None, reporter: Reporter
 ) -> tuple[Work, Screen | None]:
     """The runs of a study, and those of its screen if it has one.
 
@@ -487,12 +487,17 @@ def screened_work_of(
         name: Name, file or tables of the study.
         keys: Keys in place of the study's own.
         times: Points on the exact equations for each on the mechanism; None for no screen.
+        reporter: Has the names of the arguments in messages.
 
     Raises:
         ScenarioError: If the study is wrong or cannot be screened.
     """
     if times is not None and keys.get("engine") == "c":
-        raise ScenarioError("engine: not with screen, which chooses its engines itself")
+        engine, screen = map(reporter.name_of, ("engine", "screen"))
+        raise ScenarioError(
+            f"{engine} c: not with {screen}, whose runs on the mechanism need Python; leave it "
+            "out: the further runs are in C where all their settings allow it"
+        )
     work = work_of(name, keys)
     return work, None if times is None else screen_of(name, work, times)
 

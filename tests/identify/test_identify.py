@@ -258,4 +258,4 @@ def test_a_minimisation_says_why_it_stopped(found):
     short = minimise(fit.problem, away, fit.found.starts, 1)
     assert short.termination.reason == "step limit reached"
     assert short.termination.steps == short.termination.step_limit == 1
-    assert "limit of 1 steps" in str(short.termination)
+    assert "limit of 1 step" in str(short.termination)

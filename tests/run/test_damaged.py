@@ -147,8 +147,8 @@ def flat(names, rows):
 
 HOSTILE = {
     "rows of 4 columns would take": lambda: flat(("time", "measured_x", "b", "c"), 4_000_000),
-    "11000000 rows of 1 columns; at most 10000000 of 1000": lambda: flat(("time",), 11_000_000),
-    "1 rows of 5000 columns": lambda: flat([f"c{i}" for i in range(5000)], 1),
+    "11000000 rows of 1 column; at most 10000000 of 1000": lambda: flat(("time",), 11_000_000),
+    "1 row of 5000 columns": lambda: flat([f"c{i}" for i in range(5000)], 1),
 }
 
 

@@ -84,7 +84,7 @@ def test_a_missing_table_is_named(tables):
         check(without, "file.toml")
 
 
-@pytest.mark.parametrize("table", ["controller", "reference", "observer"])
+@pytest.mark.parametrize("table", ["controller", "reference"])
 def test_a_missing_kind_is_reported_with_those_there_are(tables, table):
     with pytest.raises(ScenarioError) as caught:
         check({**tables, table: {}}, "file.toml")

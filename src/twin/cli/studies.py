@@ -56,7 +56,7 @@ def study(
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
         keys = {key: how.pop(key) for key in ("samples", "seeds", "engine")}
-        work, more = screened_work_of(study, keys, screen)
+        work, more = screened_work_of(study, keys, screen, TERMINAL)
         check_writable(folder)
         return _plan_study(work, folder, more, **how)
     done = run_study(study, out=folder, reporter=TERMINAL, screen=screen, **how)

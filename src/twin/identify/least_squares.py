@@ -490,7 +490,7 @@ class Termination:
         """In words."""
         if self.reason == CONVERGED:
             return f"the fit converged after {plural(self.steps, 'step')}"
-        return f"the fit stopped at its limit of {self.step_limit} steps"
+        return f"the fit stopped at its limit of {plural(self.step_limit, 'step')}"
 
 
 class Minimum(NamedTuple):

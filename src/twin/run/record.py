@@ -24,7 +24,7 @@ from controllers.arrays import Array
 from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.base.data_file import DataError, parse_json, read_toml
-from twin.base.errors import RecordError, one_line
+from twin.base.errors import RecordError, one_line, plural
 from twin.base.shipped import nearest_neighbour
 from twin.base.writing import remove, write_whole
 from twin.run.files import METADATA_KEY, STREAM_FILE, arrow_fields
@@ -473,13 +473,15 @@ def check_size(rows: int, columns: int, wanted: int, size: int) -> None:
     """
     if rows > MOST_ROWS or columns > MOST_COLUMNS:
         raise OSError(
-            f"{rows} rows of {columns} columns; at most {MOST_ROWS} of {MOST_COLUMNS} are read"
+            f"{plural(rows, 'row')} of {plural(columns, 'column')}; "
+            f"at most {MOST_ROWS} of {MOST_COLUMNS} are read"
         )
     most = max_unpacked(size)
     if 8 * rows * wanted > most:
         raise OSError(
-            f"{rows} rows of {wanted} columns would take {8e-6 * rows * wanted:.0f} MB; at most "
-            f"{1e-6 * most:.0f} MB are read of a file of {1e-3 * size:.0f} kB"
+            f"{plural(rows, 'row')} of {plural(wanted, 'column')} "
+            f"would take {8e-6 * rows * wanted:.0f} MB; "
+            f"at most {1e-6 * most:.0f} MB are read of a file of {1e-3 * size:.0f} kB"
         )
 
 

@@ -277,7 +277,7 @@ class CanTransport:
             wait = 0.0
         unreadable = getattr(self._bus, "unreadable_lines", 0)
         if unreadable > self._unreadable:
-            lines = f"cannot read {plural(unreadable - self._unreadable, 'line')}"
+            lines = f"{plural(unreadable - self._unreadable, 'line')} cannot be read"
             self._reports.report(c.GARBLED, self._where, lines, self._now())
             self._unreadable = unreadable
 

@@ -134,8 +134,10 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         frames.extend(read_frames(file, notes))
         remarks += [f"{file.name}: {each}" for each in notes.remarks]
         if notes.left_out:
-            what = f"lines that are no classic frame of {notes.form}"
-            remarks.append(f"{file.name}: left out: {notes.left_out} {what}")
+            lines = plural(notes.left_out, "line")
+            remarks.append(
+                f"{file.name}: left out: {lines} without a classic frame of {notes.form}"
+            )
         timed &= notes.timed
     if not frames:
         empty = not any(file.stat().st_size for file in files)
