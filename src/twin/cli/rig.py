@@ -319,7 +319,7 @@ def safety(
     words: tuple[str, ...], out: Path | None, processes: int | None, *, only_list: bool
 ) -> int:
     """Inject faults into a rig on emulated devices, and evaluate detection and reaction."""
-    from twin.emulator.injection import MATRIX_ROWS
+    from twin.emulator.fault_lines import MATRIX_ROWS
     from twin.safety.faults import CASES, choose_cases
     from twin.safety.trial import failure_sheet, run_all
 

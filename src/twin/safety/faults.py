@@ -37,7 +37,7 @@ from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import Towards
 from twin.emulator.drive import COASTING_TIME_S, STOP_RAMP, VELOCITY_UNIT
 from twin.emulator.drive_objects import Frame
-from twin.emulator.injection import MATRIX_ROWS, fault_name
+from twin.emulator.fault_lines import MATRIX_ROWS, fault_name
 from twin.emulator.lockstep import BALL_TIMEOUT_S, LockstepRig
 from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol, ScreenFault
