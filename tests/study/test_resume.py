@@ -178,7 +178,7 @@ def test_a_lost_chunk_is_tried_again_and_loses_nothing(tmp_path) -> None:
 
 
 def test_a_chunk_that_is_lost_again_and_again_ends_the_study_with_one_line(tmp_path) -> None:
-    with pytest.raises(TwinError, match="1 chunks of runs were lost 3 times"):
+    with pytest.raises(TwinError, match="1 chunk of runs lost 3 times"):
         carried(study(), tmp_path, executor=Flaky(99))
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import LogError, RecordError, nearest
 from twin.base.foreign import kind_of
-from twin.base.shipped import shipped_scenarios
+from twin.base.shipped import nearest_neighbour, shipped_scenarios
 from twin.base.writing import write_whole
 
 if TYPE_CHECKING:
@@ -324,7 +324,8 @@ def check_no_scenario(path: Path) -> None:
     name = path.relative_to(RUNS_FOLDER) if path.is_relative_to(RUNS_FOLDER) else path
     if name.as_posix() in shipped_scenarios() and not path.exists():
         what = "is a scenario, not a run" if name == path else "is not there yet"
-        raise RecordError(f"{path} {what}; first: ballplate run {name}, then open runs/{name.name}")
+        first = f"first: ballplate run {name}, then open runs/{name.name}"
+        raise RecordError(f"{path} {what}; {first}{nearest_neighbour(path)}")
 
 
 RECORD_SUFFIXES = {".csv", ".parquet", ".arrows"}

@@ -494,7 +494,7 @@ def test_times_that_go_back_again_and_again_do_not_order_the_frames(tmp_path):
 def test_what_is_no_trace_is_named(tmp_path, content, words, name):
     (tmp_path / name).write_bytes(content)
     if name == "a.log" and words.startswith("has no header"):
-        words = "no classic frame of candump -L"
+        words = "without a classic frame of candump -L"
     with pytest.raises(LogError, match=words) as caught:
         read_trace(tmp_path / name)
     assert "\n" not in str(caught.value)
