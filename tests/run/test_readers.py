@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import scipy.io
+from command_line import called
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -407,3 +408,15 @@ def test_damaged_metadata_of_an_exported_run_are_one_line(tmp_path, text):
     scipy.io.savemat(file, own | {JSON_VARIABLE: text}, long_field_names=True)
     with pytest.raises(LogError, match=r"\Alog.mat: [^\n]*\Z"):
         read_log_of_run(file)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_the_export_to_csv_states_that_it_leaves_out_a_ball_of_ones_own(tmp_path, capsys, own):
+    import ballplate
+
+    ball = {"mass": 0.0027, "radius": 0.02, "inertia": 7.2e-7} if own else {}
+    plant = {"kind": "lagrange", "ball": ball}
+    ballplate.run("hold", plant=plant, duration=0.1, baseline=False, out=tmp_path / "run")
+    code, shown, _ = called(capsys, "export", tmp_path / "run", tmp_path / "log.csv")
+    assert code == 0
+    assert ("does not state the run's ball" in shown) is own
