@@ -10,9 +10,10 @@ sliding mode with a sigmoid in place of the sign, (6.97)-(6.103).
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -97,6 +98,7 @@ class LQR(_StateFeedback):
     """
 
     name: ClassVar[str] = "lqr"
+    replaces: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({"Q": ("rho", "kappa")})
 
     rho: Positive = 300.0
     """Weight of the state against the input (6.11)."""
@@ -190,6 +192,9 @@ class Feedforward(Law):
     """
 
     name: ClassVar[str] = "feedforward"
+    replaces: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+        {"poles": ("rho", "kappa")}
+    )
 
     poles: tuple[Pole, ...] | None = None
     """Four closed-loop poles for each axis in 1/s; given, they replace ``rho`` and ``kappa``."""
@@ -306,6 +311,7 @@ class AFL(Law):
     """
 
     name: ClassVar[str] = "afl"
+    replaces: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({"gains": ("poles",)})
 
     poles: tuple[Pole, ...] = (-2, -2.5, -3.5, -4)
     """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.4."""

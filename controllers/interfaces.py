@@ -8,7 +8,9 @@ Every array ends in its vector axis and may have any number of leading axes, one
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -190,6 +192,8 @@ class Law(ABC):
     """Names of further ones that it counts where an observer knows all of them."""
     replans: ClassVar[bool] = False
     """Whether its plan follows when the path ahead changes."""
+    replaces: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
+    """Setting to those that it stands in place of; a change to either side drops the other."""
 
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the law is designed on."""

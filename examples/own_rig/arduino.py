@@ -62,4 +62,5 @@ class Arduino(Hardware):
 
     def faults(self) -> tuple[str, ...]:
         """A board that was reset has forgotten where the plate was."""
-        return (f"the board was reset {self.resets} times",) if self.resets else ()
+        times = "once" if self.resets == 1 else f"{self.resets} times"
+        return (f"the board was reset {times}",) if self.resets else ()

@@ -13,6 +13,7 @@ from twin.base.errors import ScenarioError
 from twin.base.shipped import shipped_scenarios, titles
 
 if TYPE_CHECKING:
+    from ballplate.reporter import Reporter
     from controllers.ballplate import BallPlate
     from controllers.interfaces import Law, Observer, Reference
     from twin.scenario.describe import Key
@@ -135,6 +136,26 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     chosen = check(*resolve(*read(str(name)), [(each.key, each.value) for each in changed]))
     title = comparison(chosen.title, (), [each.text for each in changed])
     return chosen.model_copy(update={"title": title}) if titled else chosen
+
+
+def warn_of_replaced(
+    names: Iterable[str | Path], changed: Sequence[KeyChange], reporter: Reporter
+) -> None:
+    """State which settings of scenarios the changes replace, as poles do gains.
+
+    Args:
+        names: Shipped scenarios, or TOML files.
+        changed: What is changed of each.
+        reporter: Receives a line of each in which something is replaced.
+
+    Raises:
+        ScenarioError: If a scenario cannot be read, or a key leads through a value.
+    """
+    from twin.scenario.load import describe_replaced
+
+    for name in names:
+        if line := describe_replaced(str(name), [(each.key, each.value) for each in changed]):
+            reporter.warn(line)
 
 
 def flatten(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -9,7 +9,16 @@ from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
-from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
+from ballplate.changes import (
+    Changes,
+    KeyChange,
+    Settings,
+    Vary,
+    changes_of,
+    scenario_of,
+    varied_of,
+    warn_of_replaced,
+)
 from ballplate.dangers import warn_of_dangers, warn_of_path
 from ballplate.reporter import (
     Reporter,
@@ -20,7 +29,7 @@ from ballplate.reporter import (
     writable,
 )
 from ballplate.running import WORTH_PROCESS, importable
-from twin.base.errors import LawError, ScenarioError
+from twin.base.errors import LawError, ScenarioError, plural
 from twin.base.parts import left_out
 from twin.base.shipped import find
 from twin.base.writing import write_json, write_whole
@@ -286,6 +295,7 @@ def compare(
     shown = [*map(Result.from_run, recorded), *opened]
     own = report.name_of("variants")
     cases = cases_of(names, [*fitted, *base], varied, chosen, alone=not shown, what=own)
+    warn_of_replaced(names, base, report)
     finished = label_runs(shown, cases)
     listed = ", ".join((*chosen, *names[bool(chosen) :], *finished))
     named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
@@ -654,4 +664,4 @@ def load(path: str | Path) -> Result | Comparison | Log:
     runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:
         return next(iter(runs.values()))
-    return Comparison(runs, f"Comparison of {len(runs)} runs", {})
+    return Comparison(runs, f"Comparison of {plural(len(runs), 'run')}", {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -65,14 +66,16 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
 
 
 def _option_of_rig(scenario: Scenario) -> str:
-    """The option by which a command runs on the rig of a scenario; empty of the thesis's rig."""
+    """The options by which a command runs on the rig of a scenario; empty of the thesis's rig."""
     from twin.identify import logs
     from twin.scenario.rig_tables import PlantTable
 
     plant, usual = (each.model_dump(mode="json") for each in (scenario.plant, PlantTable()))
     if name := logs.rig_of({"plant": plant}):
         return f" --on {name}"
-    return "" if all(plant[key] == usual[key] for key in ("size", "axes")) else " --on RIG"
+    others = (key for key in ("axes", "size") if plant[key] != usual[key])
+    values = {key: json.dumps(plant[key], separators=(",", ":")) for key in others}
+    return "".join(f" --set plant.{key}={value}" for key, value in values.items())
 
 
 def weakened_dither(law: Any, scenario: Scenario) -> str:

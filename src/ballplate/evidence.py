@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter
-from twin.base.errors import ScenarioError, TwinError
+from twin.base.errors import ScenarioError, TwinError, plural
 from twin.run.files import STREAM_FILE
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def write_trace(
         if live.missing or not ended:
             lost = "its last frames may be missing"
             if live.missing:
-                lost = f"{live.missing} of {live.written} frames are missing"
+                lost = f"of {plural(live.written, 'frame')} {live.missing} missing"
             reporter.warn(f"{file}: {lost}: {_blame(live)}")
             if incomplete is not None:
                 incomplete.append(f"{file.name}: {lost}: {_blame(live)}")

@@ -12,7 +12,7 @@ from twin.base.errors import RigError, ScenarioError
 
 if TYPE_CHECKING:
     from twin.devices.rig import HardwareRig
-    from twin.emulator.injection import PlannedFault
+    from twin.emulator.fault_lines import PlannedFault
     from twin.emulator.serve import Emulator
     from twin.hal.interface import Condition
     from twin.scenario.rig import RigFile
@@ -82,7 +82,7 @@ def plan_faults_of_run(
     if not texts:
         return []
     what = reporter.name_of("faults") if faults else "[[fault]]"
-    from twin.emulator.injection import plan_faults
+    from twin.emulator.fault_lines import plan_faults
 
     planned = plan_faults(texts, scenario.duration, what)  # a wrong name first
     if on != EMULATED_RIG:

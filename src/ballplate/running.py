@@ -8,7 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from ballplate.changes import Changes, KeyChange, Settings, changes_of, scenario_of
+from ballplate.changes import (
+    Changes,
+    KeyChange,
+    Settings,
+    changes_of,
+    scenario_of,
+    warn_of_replaced,
+)
 from ballplate.dangers import warn_of_dangers, warn_of_path
 from ballplate.evidence import Attach, stream_record, trace_file, write_trace
 from ballplate.rehearsing import rehearse
@@ -92,6 +99,7 @@ def run(
     chosen = scenario_of(scenario, changed)
     planned = plan_faults_of_run(on, chosen, faults, report)  # a wrong name, too
     further = _further_scenarios(chosen, others, changed)
+    warn_of_replaced((scenario, *others), changed, report)
     from ballplate.results import Result, save_without_picture
     from twin.base.jobs import SecondProcess, cores
     from twin.run.assemble import PLANTS

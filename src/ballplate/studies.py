@@ -9,10 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
+from ballplate.changes import (
+    Changes,
+    Settings,
+    Vary,
+    changes_of,
+    scenario_of,
+    varied_of,
+    warn_of_replaced,
+)
 from ballplate.comparing import carried_out, cases_of
 from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
-from twin.base.errors import LawError, ScenarioError
+from twin.base.errors import LawError, ScenarioError, plural
 from twin.base.page import Block, Picture, Table, Text, fragment
 from twin.base.parts import left_out
 from twin.base.shipped import find
@@ -69,7 +77,7 @@ class Sweep:
         return len(self.rows)
 
     def __repr__(self) -> str:
-        return f"<Sweep {self.title!r} over {', '.join(self.keys)}: {len(self)} runs>"
+        return f"<Sweep {self.title!r} over {', '.join(self.keys)}: {plural(len(self), 'run')}>"
 
     def __getitem__(self, metric: str) -> list[Any]:
         """An indicator of every run; None where it does not apply.
@@ -242,6 +250,7 @@ def sweep(
     report = reporter or default()
     check_processes(processes, report)
     title = scenario_of(scenario, base, titled=False).title
+    warn_of_replaced([scenario], base, report)
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
     folder = writable(out, report)
     rows: dict[int, dict[str, Any]] = {}
@@ -320,7 +329,7 @@ class StudyResult:
         return self.work.study.title
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.title!r}: {self.rows.num_rows} runs>"
+        return f"<{type(self).__name__} {self.title!r}: {plural(self.rows.num_rows, 'run')}>"
 
     @property
     def sentences(self) -> list[str]:
@@ -440,7 +449,7 @@ def study(
     report = reporter or default()
     check_processes(processes, report)
     called = name if isinstance(name, Mapping) else str(name)
-    work, screening = screened_work_of(called, keys, screen)
+    work, screening = screened_work_of(called, keys, screen, report)
     folder = writable(out, report)
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
@@ -470,7 +479,7 @@ def study(
 
 
 def screened_work_of(
-    name: str | Mapping[str, Any], keys: Mapping[str, Any], times: int | None
+    name: str | Mapping[str, Any], keys: Mapping[str, Any], times: int | None, reporter: Reporter
 ) -> tuple[Work, Screen | None]:
     """The runs of a study, and those of its screen if it has one.
 
@@ -478,12 +487,17 @@ def screened_work_of(
         name: Name, file or tables of the study.
         keys: Keys in place of the study's own.
         times: Points on the exact equations for each on the mechanism; None for no screen.
+        reporter: Has the names of the arguments in messages.
 
     Raises:
         ScenarioError: If the study is wrong or cannot be screened.
     """
     if times is not None and keys.get("engine") == "c":
-        raise ScenarioError("engine: not with screen, which chooses its engines itself")
+        engine, screen = map(reporter.name_of, ("engine", "screen"))
+        raise ScenarioError(
+            f"{engine} c: not with {screen}, whose runs on the mechanism need Python; leave it "
+            "out: the further runs are in C where all their settings allow it"
+        )
     work = work_of(name, keys)
     return work, None if times is None else screen_of(name, work, times)
 

@@ -150,7 +150,11 @@ def test_who_tells_the_cure_what_a_rig_file_says_is_warned_of_nothing(rig):
 
 @pytest.mark.parametrize(
     ("settings", "on"),
-    [((), ""), (("parameters=hobby",), " --on hobby"), (("plant.size=[0.5, 0.5]",), " --on RIG")],
+    [
+        ((), ""),
+        (("parameters=hobby",), " --on hobby"),
+        (("plant.size=[0.5, 0.5]",), " --set plant.size=[0.5,0.5]"),
+    ],
 )
 def test_the_advice_on_an_unstable_loop_names_the_rig(settings, on):
     poles = ("controller.kind=afl", "controller.poles=[-30,-31,-32,-33]")

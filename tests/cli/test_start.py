@@ -129,3 +129,22 @@ def test_linear_algebra_has_one_thread_unless_more_are_asked_for(monkeypatch, gi
     with pytest.raises(SystemExit):
         main(["--version"])
     assert os.environ["OPENBLAS_NUM_THREADS"] == threads
+
+
+WRONG_ON_RIG = [
+    ("run", "hold", "--rig", "emulated", "--fault", "3 unplugg"),
+    ("run", "faulty.toml", "--rig", "emulated"),
+]
+"""Faults of the virtual rig with a misspelt name."""
+
+
+@pytest.mark.parametrize("words", WRONG_ON_RIG)
+def test_a_misspelt_fault_is_reported_before_anything_heavy(tmp_path, words):
+    (tmp_path / "faulty.toml").write_text(
+        'title = "f"\nduration = 5.0\n[controller]\nkind = "lqr"\n[reference]\nkind = "hold"\n'
+        '[[fault]]\nat = 3.0\nname = "unplugg"\n',
+        encoding="utf-8",
+    )
+    code, found = modules(tmp_path, COMMAND, *words)
+    assert code == 2
+    assert not found & (UNUSED | LATE | {"can", "asammdf"})

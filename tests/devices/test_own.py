@@ -473,11 +473,11 @@ def ballplate(folder, *words):
     [
         ((), 0, "no encoder shows"),
         (("--lose", 0.01), 0, "no encoder shows"),
-        (("--reset-at", 2), 1, "the board was reset 1 times"),
+        (("--reset-at", 2), 1, "the board was reset once"),
         (("--silent-at", 2), 1, "measurements ended"),
         (("--wire", "tcp"), 0, "no encoder shows"),
         (("--wire", "udp", "--lose", 0.02), 0, "no encoder shows"),
-        (("--wire", "udp", "--reset-at", 3), 1, "the board was reset 1 times"),
+        (("--wire", "udp", "--reset-at", 3), 1, "the board was reset once"),
     ],
 )
 def test_the_example_runs_on_its_emulated_board(options, code, words, tmp_path):

@@ -116,7 +116,7 @@ def test_a_virtual_rigs_periods_are_put_off_by_what_its_computer_paused(asleep, 
     assert made.timing.missed == (0 if asleep else lost)
     assert made.timing.late == (1 if asleep and lost else 0)
     assert sum(made.timing.pauses) == told
-    assert ("paused 1 times" in made.timing.text()[-1]) is (told > 0)
+    assert ("paused 1 time" in made.timing.text()[-1]) is (told > 0)
     made.wait()
     assert made.timing.missed == lost - (asleep and lost > 0)
     assert made.tick == 4 + made.timing.missed

@@ -250,9 +250,11 @@ def test_plate_encoders_plugged_crosswise_are_named(scenario, rig):
 def test_the_doctor_ends_with_ready_or_the_next_step():
     good, doubt = pass_check("a", "fine"), warn_check("b", "old", "measure it again")
     bad = fail_check("c", "no DC link", "switch the main supply on")
-    assert next_step([good, doubt], "rig.toml", move=False).endswith("doctor --rig rig.toml --move")
+    unmoved = next_step([good, doubt], "rig.toml", move=False)
+    assert unmoved.startswith("not ready: the checks that move the plate are left; next step: ")
+    assert unmoved.endswith("doctor --rig rig.toml --move")
     assert next_step([good], "rig.toml", move=True).startswith("ready: put the ball on")
-    assert "1 reservations" in next_step([good, doubt], "rig.toml", move=True)
+    assert "1 reservation above" in next_step([good, doubt], "rig.toml", move=True)
     told = next_step([good, bad, fail_check("d", "x", "y")], "rig.toml", move=True)
     assert told == "not ready; next step (c): switch the main supply on"
 

@@ -227,7 +227,7 @@ def test_the_firmware_fits_and_one_that_does_not_is_refused_in_a_line(tmp_path):
     assert 100 < size.stack_bytes < RAM_BYTES / 4
     text = "#include <avr/io.h>\n{} big[{}]; int main(void) {{ return big[PINB] > 1; }}"
     for array, why in (
-        (("volatile char", 2020), r"of its RAM 28 bytes are left for a stack of up to \d\d"),
+        (("volatile char", 2020), r"its RAM has 28 bytes left for a stack of up to \d\d"),
         (("volatile const float", 1100), "large are an ekf, and the table"),
         (("volatile const float", 20000), "large are an ekf, and the table"),
     ):

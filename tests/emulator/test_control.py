@@ -9,9 +9,10 @@ import pytest
 
 from twin.base.errors import RigError
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.control import CONTROL_COMMANDS, BusControl, ControlError, control_socket
+from twin.emulator.control import BusControl, ControlError, control_socket
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
+from twin.emulator.fault_lines import CONTROL_COMMANDS
 from twin.emulator.load import InertiaLoad
 from twin.emulator.power_stage import Power
 from twin.emulator.profile_drive import ProfileDrive

@@ -1,4 +1,4 @@
-"""Tests of `twin.emulator.injection`."""
+"""Tests of `twin.emulator.injection` and `twin.emulator.fault_lines`."""
 
 import re
 import time
@@ -8,14 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from twin.base.errors import ScenarioError
-from twin.emulator.injection import (
-    FAULTS,
-    INJECTED,
-    MATRIX_ROWS,
-    fault_name,
-    inject,
-    plan_faults,
-)
+from twin.emulator.fault_lines import FAULTS, MATRIX_ROWS, fault_name, plan_faults
+from twin.emulator.injection import INJECTED, inject
 from twin.hal.supervisor import State
 from twin.scenario import load
 

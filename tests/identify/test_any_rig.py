@@ -188,7 +188,7 @@ def test_what_is_broken_in_a_log_is_left_out_and_said(tmp_path):
     assert np.abs(axis.ball).max() < 0.051
     said = " ".join(log.notes)
     assert "19 ball positions left out" in said
-    assert "1 rows of a time" in said
+    assert "1 row of a time" in said
 
 
 def test_rows_of_one_frame_are_one_sample_where_their_age_is_told(tmp_path):

@@ -176,7 +176,7 @@ def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(columns
     )
     notes = " ".join(again.notes)
     for words in (
-        "1 gaps of 1.00 s",
+        "1 gap of 1.00 s",
         "ball not detected for 0.40 s",
         "10 rows without ball",
         "far off",
@@ -258,4 +258,4 @@ def test_a_minimisation_says_why_it_stopped(found):
     short = minimise(fit.problem, away, fit.found.starts, 1)
     assert short.termination.reason == "step limit reached"
     assert short.termination.steps == short.termination.step_limit == 1
-    assert "limit of 1 steps" in str(short.termination)
+    assert "limit of 1 step" in str(short.termination)

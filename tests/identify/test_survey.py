@@ -60,9 +60,9 @@ def test_gaps_doubled_stamps_and_steps_back_are_counted(tmp_path):
     time[150:] -= 3.0
     (line,) = survey(write(tmp_path / "a.csv", "t,x,u", time, X, U)).notes
     assert line.startswith("t: 50 rows per s over")
-    assert "1 gaps, the longest 1.52 s" in line
+    assert "1 gap, the longest 1.52 s" in line
     assert "1 doubled stamps" in line
-    assert "1 steps back" in line
+    assert "1 step back" in line
 
 
 def test_a_column_whose_time_falls_is_no_time_and_a_lacking_role_is_a_blank(tmp_path):

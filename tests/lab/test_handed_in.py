@@ -65,6 +65,33 @@ def handed_in(tmp_path: Path) -> Path:
 CLASS = ("ann", "dave", "erin", "fred", "gus", "hal", "ivy", "jon", "kim", "lee", "mia")
 
 
+NAMES = {
+    "ann7": "Ann Lee",
+    "onei1": "Mary O'Neil",
+    "twin1": "Bo Li",
+    "twin2": "Bo Li",
+    "Ed_Fox": "",
+}
+"""A class by its numbers, with the names that Moodle has of it."""
+
+
+@pytest.mark.parametrize(
+    ("full", "student"),
+    [
+        ("Ann Lee", "ann7"),
+        ("ann  lee", "ann7"),
+        ("Mary O'Neil", "onei1"),
+        ("Ed Fox", "Ed_Fox"),
+        ("Bo Li", "Bo_Li"),  # two of the class have this name
+        ("Zoe Ray", "Zoe_Ray"),
+    ],
+)
+def test_a_student_is_found_by_the_name_in_the_class(lab, handed_in, full, student) -> None:
+    put(handed_in / f"{full}_4711_assignsubmission_file_" / "answer.toml")
+    (found,) = collect(lab, handed_in, NAMES).submissions
+    assert found.student == student
+
+
 def put(file: Path, text: str = GOOD) -> Path:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text)

@@ -175,8 +175,22 @@ def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path)
     assert f"START = {true.known['plant.start.x']!r}  # told" in (folder / "answer.py").read_text()
     with pytest.raises(ScenarioError, match="is it the key of this course"):
         reload_deal(lab, folder, "another key", "ann")
-    with pytest.raises(ScenarioError, match="student: is 'ann', must be 'bob'"):
+    with pytest.raises(ScenarioError, match=r"student: is 'ann', must be 'bob'; .* second column"):
         reload_deal(lab, folder, KEY, "bob")
+
+
+def test_a_rig_to_practise_on_is_taken_without_a_key_under_any_name(tmp_path: Path) -> None:
+    lab, folder = read(MINI), tmp_path / "home"
+    hand_out(lab, {"annie": "."}, None, folder)
+    found = reload_deal(lab, folder, None, "Ann_Lee")
+    assert found == reload_deal(lab, folder, None)
+    assert (found.student, found.true) == ("annie", True)
+    with pytest.raises(ScenarioError, match=r"practice: .* the rig that the course hands out"):
+        reload_deal(lab, folder, KEY, "Ann_Lee")
+    assert lab.variant is not None
+    nothing = lab.variant.model_copy(update={"told": (), "log": ""})
+    alike = lab.model_copy(update={"variant": nothing})
+    assert reload_deal(alike, folder, KEY, "Ann_Lee") == deal(alike, "Ann_Lee", KEY)
 
 
 def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:

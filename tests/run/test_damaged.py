@@ -100,7 +100,7 @@ def test_a_stream_without_some_periods_says_how_many(made, tmp_path, scenario):
     with stream([*rows], tmp_path / STREAM_FILE, {}, run_metadata(scenario())) as append:
         append(rows)
     assert open_run(tmp_path)[0].incomplete == (
-        "run.arrows: 10 periods are not in it: begun too late, or not written",
+        "run.arrows: 10 periods not in it: begun too late, or not written",
     )
 
 
@@ -147,8 +147,8 @@ def flat(names, rows):
 
 HOSTILE = {
     "rows of 4 columns would take": lambda: flat(("time", "measured_x", "b", "c"), 4_000_000),
-    "11000000 rows of 1 columns; at most 10000000 of 1000": lambda: flat(("time",), 11_000_000),
-    "1 rows of 5000 columns": lambda: flat([f"c{i}" for i in range(5000)], 1),
+    "11000000 rows of 1 column; at most 10000000 of 1000": lambda: flat(("time",), 11_000_000),
+    "1 row of 5000 columns": lambda: flat([f"c{i}" for i in range(5000)], 1),
 }
 
 

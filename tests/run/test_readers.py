@@ -11,17 +11,21 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import scipy.io
+from command_line import called
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
+from controllers.ballplate import BallPlate
 from twin.base.errors import LogError, TwinError
 from twin.identify.any_logs import read_any
 from twin.identify.log_columns import wanted_columns
+from twin.identify.logs import read as read_log_of_run
+from twin.run.files import JSON_VARIABLE, export
 from twin.run.files import WRITERS as EXPORTERS
-from twin.run.files import export
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns
+from twin.scenario.load import check
 
 T = np.arange(0.0, 4.0, 0.02)
 X = 0.05 * np.sin(1.3 * T) + 1e-9 * np.sin(1e4 * T)
@@ -364,3 +368,56 @@ def test_a_run_exported_for_matlab_holds_what_ran_and_is_read_as_its_columns(tmp
     assert found["metrics"]["rms_error"] == done.metrics["rms_error"]
     assert found["units"]["measured_x"] == "m"
     assert set(foreign_table(file).columns) == set(done)
+
+
+@pytest.mark.parametrize("ending", [".mat", ".parquet", ".mcap"])
+def test_an_exported_run_keeps_its_ball_and_its_scenario(tmp_path, ending):
+    import ballplate
+
+    ball = {"mass": 0.0027, "radius": 0.02, "inertia": 7.2e-7}
+    plant = {"kind": "lagrange", "ball": ball, "friction": {"rolling_mm": 0.07}}
+    done = ballplate.run("hold", plant=plant, duration=0.1, baseline=False)
+    log = read_log_of_run(done.export(tmp_path / f"log{ending}"))
+    model = log.model
+    assert {name: getattr(model, name) for name in ball} == ball
+    assert check(log.scenario, "log") == done.scenario
+    with pytest.raises(LogError, match="--ball: not allowed; a run states its ball"):
+        log.with_ball(5 / 7)
+
+
+def test_a_csv_file_has_columns_alone_and_its_reader_the_ball_that_is_given(tmp_path):
+    import ballplate
+
+    ball = {"mass": 0.0027, "radius": 0.02, "inertia": 7.2e-7}
+    plant = {"kind": "lagrange", "ball": ball}
+    done = ballplate.run("hold", plant=plant, duration=0.1, baseline=False)
+    log = read_log_of_run(done.export(tmp_path / "log.csv"))
+    assert not log.scenario
+    assert log.model == BallPlate()
+    hollow = log.with_ball(3 / 5).model
+    assert 1 / (1 + hollow.inertia / (hollow.mass * hollow.radius**2)) == pytest.approx(3 / 5)
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", '{"scenario": 3}'])
+def test_damaged_metadata_of_an_exported_run_are_one_line(tmp_path, text):
+    import ballplate
+
+    done = ballplate.run("hold", plant={"kind": "lagrange"}, duration=0.1, baseline=False)
+    file = done.export(tmp_path / "log.mat")
+    found = scipy.io.loadmat(file)
+    own = {name: value for name, value in found.items() if not name.startswith("__")}
+    scipy.io.savemat(file, own | {JSON_VARIABLE: text}, long_field_names=True)
+    with pytest.raises(LogError, match=r"\Alog.mat: [^\n]*\Z"):
+        read_log_of_run(file)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_the_export_to_csv_states_that_it_leaves_out_a_ball_of_ones_own(tmp_path, capsys, own):
+    import ballplate
+
+    ball = {"mass": 0.0027, "radius": 0.02, "inertia": 7.2e-7} if own else {}
+    plant = {"kind": "lagrange", "ball": ball}
+    ballplate.run("hold", plant=plant, duration=0.1, baseline=False, out=tmp_path / "run")
+    code, shown, _ = called(capsys, "export", tmp_path / "run", tmp_path / "log.csv")
+    assert code == 0
+    assert ("does not state the run's ball" in shown) is own

@@ -22,7 +22,7 @@ from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError
 from twin.cli.rig import safety
 from twin.devices.own import OWN_CONDITIONS
-from twin.emulator.injection import MATRIX_ROWS
+from twin.emulator.fault_lines import MATRIX_ROWS
 from twin.hal.interface import Condition, Severity
 from twin.safety.causes import OF_DRIVES, OF_RIG, ROW_FUNCTIONS
 from twin.safety.faults import CASES, choose_cases

@@ -169,6 +169,27 @@ def test_a_title_states_the_reference_as_it_is_set(name, settings, title):
     assert load(name, settings).title == title
 
 
+@pytest.mark.parametrize(
+    ("name", "settings", "title"),
+    [
+        ("circle", ["reference.kind=lissajous"], "Lissajous"),
+        ("cure", ["reference.kind=hold"], "Hold, friction known"),
+        ("sine", ["reference.kind=circle"], "Circle"),
+        ("step", ["reference.kind=circle"], "Circle"),
+        ("hold", ["reference.kind=circle"], "Circle"),
+        ("thesis/9_1", ["reference.kind=circle"], "LQR, circle"),
+        ("excite", ["reference.kind=circle"], "Excitation for identification, reference circle"),
+        ("thesis/9_1", ["controller.kind=sliding_mode"], "Sliding mode, step to (0.15, 0.15) m"),
+        ("thesis/9_3_050", ["controller.kind=lqr"], "LQR and Smith predictor, circle at 0.5 rad/s"),
+        ("circle", ["controller.kind=lqr"], "Circle of 150 mm at 0.75 rad/s"),
+        ("circle", ["reference.kind=circle"], "Circle of 150 mm at 0.75 rad/s"),
+        ("circle", ["reference.kind=hold", "title=A circle"], "A circle"),
+    ],
+)
+def test_a_title_names_the_reference_and_the_law_that_are_set(name, settings, title):
+    assert load(name, settings).title == title
+
+
 def test_a_number_too_large_for_a_title_is_refused_in_one_line():
     with pytest.raises(ScenarioError, match=r"\A.*reference\.omega: must be a finite number.*\Z"):
         check(*resolve(*read("circle"), [("reference.omega", 10**400)]))

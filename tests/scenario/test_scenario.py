@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from twin.base.errors import ScenarioError
 from twin.scenario import load
 from twin.scenario.load import check, put, read, setting
+from twin.scenario.schema import choices
 from twin.scenario.variations import comparison, parse_variations, variants
 
 
@@ -81,6 +82,14 @@ def test_a_missing_table_is_named(tables):
     without = {key: value for key, value in tables.items() if key != "controller"}
     with pytest.raises(ScenarioError, match="controller: missing"):
         check(without, "file.toml")
+
+
+@pytest.mark.parametrize("table", ["controller", "reference"])
+def test_a_missing_kind_is_reported_with_those_there_are(tables, table):
+    with pytest.raises(ScenarioError) as caught:
+        check({**tables, table: {}}, "file.toml")
+    listed = str(caught.value).removeprefix(f"file.toml: {table}.kind: missing; give one of ")
+    assert listed.split(", ") == list(choices(table))
 
 
 def test_naming_another_controller_drops_the_settings_of_the_old(tables):

@@ -196,7 +196,7 @@ def test_a_gap_is_shown_and_never_bridged(recorded):
     assert (run.time < 6).any()
     assert (run.time > 6.8).any()
     assert not ((run.time < 6.8) & (run.time + 1 > 6)).any()
-    assert "1 gaps of 0.80 s" in page(said)
+    assert "1 gap of 0.80 s" in page(said)
 
 
 @pytest.mark.long

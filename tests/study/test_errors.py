@@ -58,6 +58,12 @@ def study(capsys, tmp_path: Path, monkeypatch):
         ('["rms_error"]', '["rms_eror"]', "no 'rms_eror'; did you mean 'rms_error'?"),
         ('"grid"', '"gird"', "method"),
         (
+            'method = "grid"\n',
+            "",
+            "short.toml: method: missing; give 'grid', 'lhs', 'montecarlo' or 'sobol'",
+        ),
+        ("title = ", "samples = 8 #", "title: missing; it has no default"),
+        (
             '"grid"',
             '"grid"\nfamily = "uncertian"',
             "family 'uncertian': not found; did you",

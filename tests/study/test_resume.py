@@ -99,7 +99,7 @@ def test_a_study_that_dies_between_chunks_goes_on_where_it_stopped(tmp_path, mon
             raise KeyboardInterrupt
         return carry_out(some)
 
-    with pytest.raises(KeyboardInterrupt, match="4 runs are kept"):
+    with pytest.raises(KeyboardInterrupt, match="runs kept: 4"):
         carried(study(), tmp_path, do=dies)
     assert len(remaining(Work(study()).tasks, Store(tmp_path), 1)[1]) == 2
     assert carried(study(), tmp_path) == carried(study(), tmp_path / "other")
@@ -109,7 +109,7 @@ def test_a_study_that_is_interrupted_before_its_first_chunk_says_so(tmp_path) ->
     def interrupted(some: Sequence[Job]) -> list[Row]:
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt, match="no runs are kept"):
+    with pytest.raises(KeyboardInterrupt, match="runs kept: none"):
         carried(study(), tmp_path, do=interrupted)
 
 
@@ -178,7 +178,7 @@ def test_a_lost_chunk_is_tried_again_and_loses_nothing(tmp_path) -> None:
 
 
 def test_a_chunk_that_is_lost_again_and_again_ends_the_study_with_one_line(tmp_path) -> None:
-    with pytest.raises(TwinError, match="1 chunks of runs were lost 3 times"):
+    with pytest.raises(TwinError, match="1 chunk of runs lost 3 times"):
         carried(study(), tmp_path, executor=Flaky(99))
 
 

@@ -236,7 +236,7 @@ def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(mo
     ends = {}
     for way in COMPUTED_WAYS[1:]:
         ends[way], *_ = carry_out(ReproductionJob(way, (("8.4", 0),), 1.0))
-    assert ends["mujoco"].ended == "1 of 1 runs ended early, the first fell at 0.0 s"
+    assert ends["mujoco"].ended == "1 of 1 run ended early, the first fell at 0.0 s"
     assert not any(ends["mujoco"].values.values())
     assert ends["sampled"].ended == ""
     assert all(ends["sampled"].values.values())

@@ -87,6 +87,14 @@ def test_a_killed_run_is_judged_up_to_where_its_rig_had_been_stopped(whole, stop
     assert found.metrics["rms_error"] == pytest.approx(expected)
 
 
+def test_a_reason_that_is_a_question_ends_as_one(stopped):
+    """The reason of an unplugged screen asks whether it was unplugged."""
+    asked = stopped.metrics | {"reason": "screen gone; was it unplugged?"}
+    assert describe_run(replace(stopped, metrics=asked)).endswith("was it unplugged?")
+    told = stopped.metrics | {"reason": "screen gone"}
+    assert describe_run(replace(stopped, metrics=told)).endswith("screen gone.")
+
+
 @pytest.mark.parametrize("duration", [0.3, 1, 4])
 def test_a_part_of_a_round_has_no_lag_and_no_scale(duration):
     short = run(load("circle", [*CIRCLE, f"duration={duration}"]))
@@ -141,7 +149,7 @@ def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():
     assert "moved for 0 of the log's 25 usable seconds" in still
     assert "moved for" not in cut
     assert cut.startswith("Cannot tell: gaps cut the log up, and only 0 of its 25 usable seconds")
-    assert gaps.startswith("263 gaps")
+    assert gaps.startswith("The log has 263 gaps")
     learned = seen | {"taught": "The first 20 s moved the twin to this log."}
     assert sentences(SimpleNamespace(**learned, gaps=np.zeros((0, 2)))) == [still]  # it never moved
 

@@ -82,6 +82,17 @@ def list_first(names: Sequence[str], most: int, separator: str = ", ") -> str:
     return separator.join(names[:most]) + (f" and {left_out} more" if left_out > 0 else "")
 
 
+def plural(count: int, what: str, several: str = "") -> str:
+    """A number of things in words, as ``1 run`` or ``2 runs``.
+
+    Args:
+        count: The number.
+        what: The word for one.
+        several: The word for several, if that is not ``what`` with an s.
+    """
+    return f"{count} {what if count == 1 else several or f'{what}s'}"
+
+
 UNPRINTABLE_CATEGORIES = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode's categories of what is no letter: controls, directions, halves of pairs, line ends."""
 

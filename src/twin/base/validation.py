@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from twin.base.data_file import DataError, read_toml
-from twin.base.errors import ScenarioError, nearest, shorten
+from twin.base.errors import ScenarioError, nearest, plural, shorten
 
 Model = TypeVar("Model", bound=BaseModel)
 UNION_MEMBER = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")
@@ -105,11 +105,11 @@ def first_finding(
         if isinstance(first["loc"][-1], int):  # a place in a list
             place = place.rpartition(".")[0]
             return f"{place}: must have more values than {len(first['input'])}"
-        return f"{place}: missing; it has no default"
+        return f"{place}: missing; {_values_of(model, first['loc'])}"
     if first["type"] in {"too_short", "too_long"}:
         bound, has = (first["ctx"].get(key) for key in ("min_length", "actual_length"))
         least, bound = ("at least", bound) if bound else ("at most", first["ctx"]["max_length"])
-        wanted = f"must have {least} {bound} values, has {has}"
+        wanted = f"must have {least} {plural(bound, 'value')}, has {has}"
         return f"{place}: {'name at least one' if has < bound == 1 else wanted}"
     if first["type"] == "value_error":
         text = first["msg"].removeprefix("Value error, ")
@@ -180,6 +180,11 @@ def keys_of(table: type, prefix: str = "") -> Iterator[str]:
 
 def _fields(table: type, path: Sequence[str]) -> list[str]:
     """The keys of the table at a path, or of the last one on the way to it."""
+    return list(hints_of(_table_at(table, path)))
+
+
+def _table_at(table: type, path: Sequence[str]) -> type:
+    """The table at a path, or the last one on the way to it."""
     hint: Any = table
     for name in path:
         if is_table(hint):
@@ -189,7 +194,17 @@ def _fields(table: type, path: Sequence[str]) -> list[str]:
                 hint = next(filter(is_table, get_args(hint)), hint)
         else:  # a key of a dictionary, or a place in a list
             hint = next(filter(is_table, get_args(hint)), None)
-    return list(hints_of(hint if is_table(hint) else table))
+    return hint if is_table(hint) else table
+
+
+def _values_of(model: type[BaseModel], place: Sequence[Any]) -> str:
+    """The values that a missing key may have, or that it has no default."""
+    *path, name = map(str, place)
+    hint = hints_of(_table_at(model, path)).get(name)
+    if get_origin(hint) is not Literal:
+        return "it has no default"
+    values = [f"'{each}'" for each in get_args(hint)]
+    return f"give {' or '.join((', '.join(values[:-1]), values[-1]))}"
 
 
 def is_table(hint: object) -> TypeGuard[type]:

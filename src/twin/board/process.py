@@ -19,7 +19,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.catalog import AnswerError
 from controllers.fmu import keep_up
-from twin.base.errors import ScenarioError, shorten
+from twin.base.errors import ScenarioError, plural, shorten
 from twin.board.program import command_of
 from twin.board.protocol import (
     ANSWERED,
@@ -112,7 +112,7 @@ class BoardProcess:
                 more = self._said.get(timeout=max(0.0, until - time.monotonic()))
             except Empty:
                 self._process.kill()
-                said = f" but {len(heard)} bytes of it" if heard else ""
+                said = f" but {plural(len(heard), 'byte')} of it" if heard else ""
                 raise self._failed(f"gave no answer within {seconds:g} s{said}") from None
             if not more:
                 raise self._failed(self._last_words())

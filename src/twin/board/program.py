@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory, mkdtemp
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.base import programs
-from twin.base.errors import ScenarioError, TwinError
+from twin.base.errors import ScenarioError, TwinError, plural
 from twin.base.parts import extra
 from twin.board.footprint import ARM_FLAGS
 
@@ -180,7 +180,8 @@ def _why(said: str) -> str:
     """The line of a compiler's message that says why, without the paths before it."""
     if over := re.search(r"region `(\w+)' overflowed by (\d+) bytes", said):
         return (
-            f"needs {over[2]} bytes more than the {over[1]} of the emulated board has; a reference "
+            f"needs {plural(int(over[2]), 'byte')} more than the {over[1]} of the emulated board "
+            "has; a reference "
             "without a closed form is a table, which a shorter duration makes smaller"
         )
     return programs.find_error_line(said).rpartition("error: ")[2].strip()

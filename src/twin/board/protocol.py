@@ -16,6 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.errors import plural
 
 BEGIN = 0xB5
 """The first byte of a frame."""
@@ -102,7 +103,7 @@ def decode(heard: bytes, number: int, count: int) -> Array | None:
     if given != number:
         raise FrameError(f"sent frame {given} instead of {number}")
     if length != 8 * count:
-        raise FrameError(f"sent a frame of {length} bytes instead of {8 * count}")
+        raise FrameError(f"sent a frame of {plural(length, 'byte')} instead of {8 * count}")
     end = HEAD.size + length
     if len(heard) < end + CHECK_SUM.size:
         return None
@@ -112,5 +113,5 @@ def decode(heard: bytes, number: int, count: int) -> Array | None:
             f"sent a frame with the check sum {stated:#06x}; its content gives {own:#06x}"
         )
     if more := len(heard) - end - CHECK_SUM.size:
-        raise FrameError(f"sent {more} bytes more than one frame")
+        raise FrameError(f"sent {plural(more, 'byte')} more than one frame")
     return np.frombuffer(heard, "<f8", count, HEAD.size).astype(float)

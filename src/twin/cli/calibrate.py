@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballplate.rig_access import EMULATED_RIG
-from twin.base.errors import RigError
+from twin.base.errors import RigError, plural
 from twin.base.page import Table
 from twin.base.writing import write_whole
 from twin.cli import options
@@ -170,8 +170,8 @@ def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ..
     write_whole(out, found.save)
     fit = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
     words = (
-        f"{fit['points']} points: the table of the model errs by up to {fit['before_deg']:.3f} "
-        f"deg, the measured one by {fit['rms_deg']:.3f} deg RMS",
+        f"{plural(fit['points'], 'point')}: the table of the model errs by up to "
+        f"{fit['before_deg']:.3f} deg, the measured one by {fit['rms_deg']:.3f} deg RMS",
         f'written to {out}; name it in the rig file: cams = "{out}"',
     )
     show({"table": str(out), **fit}, words)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.base.errors import ScenarioError, suggest
+from twin.base.errors import ScenarioError, plural, suggest
 from twin.base.jobs import cores
 from twin.base.page import Table
 from twin.base.shipped import shipped_labs, titles
@@ -348,7 +348,7 @@ def variants(
     people, folder = named(students), out or Path(f"variants-{lab.name}")
     places = {student: student for student in people}
     hand_out(lab, places, _text(key), folder, notebook=notebook)
-    say(f"{folder}/: {len(people)} rigs")
+    say(f"{folder}/: {plural(len(people), 'rig')}")
     return 0
 
 

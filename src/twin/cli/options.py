@@ -17,7 +17,7 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.rig_access import EMULATED_RIG
-from twin.base.errors import ScenarioError, ViewError
+from twin.base.errors import ScenarioError, ViewError, plural
 from twin.base.shipped import find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
 from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
@@ -436,7 +436,7 @@ class Viewing:
             if shown is not None and not shown.finish():
                 warn("the view stopped before the end; the run and its record are complete")
             elif shown is not None and shown.dropped:
-                warn(f"the view missed {shown.dropped} rows; the record has them all")
+                warn(f"the view missed {plural(shown.dropped, 'row')}; the record has all of them")
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin of the run, drawn in the view if there is one."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.rig_access import EMULATED_RIG, rig_of
-from twin.base.errors import LogError, RigError, ScenarioError
+from twin.base.errors import LogError, RigError, ScenarioError, plural
 from twin.base.jobs import cores
 from twin.base.page import Table
 from twin.base.writing import check_writable, check_writable_file, write_whole
@@ -314,7 +314,7 @@ def safety(
     words: tuple[str, ...], out: Path | None, processes: int | None, *, only_list: bool
 ) -> int:
     """Inject faults into a rig on emulated devices, and evaluate detection and reaction."""
-    from twin.emulator.injection import MATRIX_ROWS
+    from twin.emulator.fault_lines import MATRIX_ROWS
     from twin.safety.faults import CASES, choose_cases
     from twin.safety.trial import failure_sheet, run_all
 
@@ -345,7 +345,7 @@ def safety(
     good = sum(row.good for row in rows)
     shown = [
         _table(rows),
-        f"{good} of {len(rows)} faults were detected in time, safe, and recovered",
+        f"{good} of {plural(len(rows), 'fault')} detected in time, safe, and recovered",
         *((f"written to {out}",) if out is not None else ()),
     ]
     show([row.as_dict() for row in rows], shown)
@@ -463,7 +463,7 @@ def trace(
     span = f" in {conversation.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
         _write_sheet(out, [(when, *TracedEvent._fields[1:4]), *rows])
-    heading = f"{file}: {len(found.frames)} frames on {found.channel}{span}"
+    heading = f"{file}: {plural(len(found.frames), 'frame')} on {found.channel}{span}"
     shown: list[Shown] = [*verdict_lines(verdict, heading, timed=found.timed), *remarks]
     if everything:
         shown += node_tables(summary)
@@ -481,7 +481,8 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
     found = replay(trace.frames, names, drives)
     first, allowed = found.difference, REPLAY_TOLERANCES
     compared_text = (
-        f"{file}: {found.sent} frames of the host sent to emulated drives, {found.compared} frames "
+        f"{file}: {plural(found.sent, 'frame')} of the host sent to emulated drives, "
+        f"{plural(found.compared, 'frame')} "
         "of drives compared: states, transfers, emergencies, number of PDOs; "
         f"within {1e3 * allowed.time_s:g} ms and {allowed.pdos} PDOs, motors within "
         f"{allowed.position_rad:g} rad and {allowed.speed_rad_s:g} rad/s; "

@@ -17,7 +17,7 @@ from ballplate.changes import scenarios
 from ballplate.running import CLEAN_LABEL
 from ballplate.running import run as run_scenario
 from twin.base.data_file import read_toml
-from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, ViewError
+from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, ViewError, plural
 from twin.base.shipped import folder, model_path
 from twin.base.writing import write_whole
 from twin.cli import options
@@ -634,6 +634,7 @@ def export(
         )
     from ballplate.comparing import label_runs
     from ballplate.results import Result
+    from controllers.ballplate import BallPlate
 
     moving = file.suffix in FILM_SUFFIXES
     if of_picture and not moving:
@@ -646,7 +647,12 @@ def export(
         if len(opened) > 1:
             raise RecordError(f"{run}: contains {len(opened)} runs; give one of them")
         opened[0].export(file)
-        say(f"written to {file}: {len(opened[0].time)} rows of {len(opened[0])} columns")
+        say(
+            f"written to {file}: {plural(len(opened[0].time), 'row')} of "
+            f"{plural(len(opened[0]), 'column')}"
+        )
+        if file.suffix == ".csv" and opened[0].scenario.plant.model != BallPlate():
+            say("a CSV file does not state the run's ball; .mat, .parquet and .mcap do")
         return 0
     (name, first), *others = label_runs([Result.from_run(each) for each in opened]).items()
     first.label, first.beside = name, dict(others)

@@ -10,6 +10,7 @@ import click
 
 from ballplate.studies import StudyResult, screened_work_of
 from ballplate.studies import study as run_study
+from twin.base.errors import plural
 from twin.base.page import Table, Text
 from twin.base.shipped import chosen, shipped_in
 from twin.base.writing import check_writable
@@ -55,7 +56,7 @@ def study(
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
         keys = {key: how.pop(key) for key in ("samples", "seeds", "engine")}
-        work, more = screened_work_of(study, keys, screen)
+        work, more = screened_work_of(study, keys, screen, TERMINAL)
         check_writable(folder)
         return _plan_study(work, folder, more, **how)
     done = run_study(study, out=folder, reporter=TERMINAL, screen=screen, **how)
@@ -112,8 +113,9 @@ def _plan_study(work: Work, folder: Path, screen: Screen | None, **how: Any) -> 
         )
     total = sum(each.different for each in works)
     left = total - known.num_rows
+    batches = plural(len(chunks), "batch", "batches")
     summary_line = (
-        f"{total} runs, {left} of them left in {len(chunks)} batches on {count} processors"
+        f"{plural(total, 'run')}, {left} of them left in {batches} on {plural(count, 'processor')}"
     )
     counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
     if screen is not None:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.changes import changes_of, scenario_of
-from twin.base.errors import LogError, ScenarioError
+from ballplate.changes import changes_of, scenario_of, warn_of_replaced
+from twin.base.errors import LogError, ScenarioError, plural
 from twin.base.page import Table, digits
 from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
@@ -60,13 +60,14 @@ def explain(
     from twin.whatif.attribution import describe_short_run, draw, plan, summary
     from twin.whatif.attribution import explain as explain_scenario
 
-    chosen = scenario_of(scenario, changes_of(overrides, {}))
+    chosen = scenario_of(scenario, changed := changes_of(overrides, {}))
+    warn_of_replaced([scenario], changed, TERMINAL)
     if short := describe_short_run(chosen):
         warn(short)
     named = run_folder(scenario, overrides)
     folder = check_writable(out or named.with_name(f"explain-{named.name}"))
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
-    with progress(f"{runs} runs of {chosen.title}", runs) as advance:
+    with progress(f"{plural(runs, 'run')} of {chosen.title}", runs) as advance:
         found = explain_scenario(chosen, advance, processes)
     numbers = summary(found)
     write_json(folder / "explain.json", numbers)
@@ -450,7 +451,8 @@ def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     SCENARIO [sine] gives the controller, the dead time of its screen or camera with half a frame,
     and the lag of its drives.
     """
-    chosen = scenario_of(scenario, changes_of(overrides, {}))
+    chosen = scenario_of(scenario, changed := changes_of(overrides, {}))
+    warn_of_replaced([scenario], changed, TERMINAL)
     loop = _loop(chosen)
     show({"scenario": chosen.title, "loop": loop}, _describe_loop(loop))
 

@@ -18,6 +18,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import accumulate
 from typing import Any, NamedTuple
 
+from twin.base.errors import plural
 from twin.hal.interface import Condition, Fault, Severity
 
 LATE_SHARE = 0.25
@@ -131,7 +132,7 @@ class TimingLog:
         """The statistics in a few lines, for the end of a run."""
         due = max(1, self.ticks + self.missed)
         lines = [
-            f"{self.ticks} ticks of {1e3 * self.period:g} ms, {self.missed} missed "
+            f"{plural(self.ticks, 'tick')} of {1e3 * self.period:g} ms, {self.missed} missed "
             f"({100 * self.missed / due:.2f} %), {self.late} late by more than "
             f"{1e3 * LATE_SHARE * self.period:g} ms",
             _line("lateness", self.lateness),
@@ -141,7 +142,8 @@ class TimingLog:
             lines.append(_line("bus round trip", self.trips))
         if self.pauses:
             lines.append(
-                f"the computer paused {len(self.pauses)} times, {1e3 * sum(self.pauses):.0f} ms in "
+                f"the computer paused {plural(len(self.pauses), 'time')}, "
+                f"{1e3 * sum(self.pauses):.0f} ms in "
                 "all; the virtual rig's time stood still meanwhile, a real rig does not wait"
             )
         return lines
@@ -290,7 +292,7 @@ class RealTimeClock:
         before = self._owed
         self._owed = max(0, before - MISSED_PER_PROMPT) + missed
         if before < self._allowed <= self._owed:
-            detail = f"{missed} periods of {1e3 * self.period:g} ms missed"
+            detail = f"{plural(missed, 'period')} of {1e3 * self.period:g} ms missed"
             if missed < self._allowed:
                 detail += f" for one that was begun, {self._owed} more than it can make up for"
             self._faults.append(Fault(LOOP_OVERRUN, "control loop", detail))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-from twin.base.errors import TwinError
+from twin.base.errors import TwinError, plural
 
 
 def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
@@ -24,9 +24,12 @@ def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
         return f"not ready; next step ({first.what}): {step}"
     if not move:
         command = f"ballplate doctor --rig {rig} --move"
-        return f"not ready; next step: hands off the plate, then {command}"
+        return (
+            "not ready: the checks that move the plate are left; "
+            f"next step: hands off the plate, then {command}"
+        )
     warnings = sum(each.status is CheckStatus.WARN for each in found)
-    some = f", with {warnings} reservations above" if warnings else ""
+    some = f", with {plural(warnings, 'reservation')} above" if warnings else ""
     return (
         f"ready{some}: put the ball on, then ballplate run excite --rig {rig}, and "
         "ballplate identify runs/excite for the dead time and the friction"

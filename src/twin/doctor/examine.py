@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import RigError, TwinError
+from twin.base.errors import RigError, TwinError, plural
 from twin.base.jobs import wait_until
 from twin.devices.akd.config import list_unconfirmed
 from twin.devices.akd.protocol import table
@@ -315,7 +315,9 @@ def touch(
     ):
         heard = screen.stream.heard
         advice = screen.hint or "put the ball on the plate"
-        yield fail_check("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
+        yield fail_check(
+            "touch", f"no ball within {patience:g} s, {plural(heard, 'byte')} heard", advice
+        )
         return
     time.sleep(check.settling_s)
     if screen.stream.looks_like:
@@ -330,7 +332,8 @@ def touch(
     yield pass_check("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
     stats = screen.stream.stats
     if stats.skipped or stats.checksum or stats.outside:
-        seen = f"{stats.skipped} bytes skipped, {stats.checksum} checksums, {stats.outside} outside"
+        skipped, checksums = plural(stats.skipped, "byte"), plural(stats.checksum, "checksum")
+        seen = f"{skipped} skipped, {checksums}, {stats.outside} outside"
         yield warn_check("touch bytes", seen, "check the cable and the baud rate")
     yield from _lift(screen, ask, patience)
 

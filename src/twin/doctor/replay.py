@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from twin.base.errors import LogError
+from twin.base.errors import LogError, plural
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import HOST, Conversation, TracedEvent
@@ -204,7 +204,7 @@ def _compare_events(
             yield TracedEvent(since, recorded.called(number), kind, text)
             break
     if lacking:
-        remarks.append(f"no emulated drive has: {len(lacking)} objects, as: {lacking[0]}")
+        remarks.append(f"no emulated drive has: {plural(len(lacking), 'object')}, as: {lacking[0]}")
 
 
 def _streams(

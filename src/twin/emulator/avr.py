@@ -23,7 +23,7 @@ from weakref import finalize
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import RigError
+from twin.base.errors import RigError, plural
 from twin.base.programs import find_error_line, find_program
 from twin.emulator.can_bus import check_pseudo_terminals
 from twin.hal.interface import Touch
@@ -103,7 +103,8 @@ def build_firmware(folder: Path, controller: Path | None = None, defines: str = 
     size = size_of(program)
     if (left := RAM_BYTES - size.ram_bytes) < size.stack_bytes:
         raise RigError(
-            f"{_UNFIT}: of its RAM {left} bytes are left for a stack of up to {size.stack_bytes}"
+            f"{_UNFIT}: its RAM has {plural(left, 'byte')} left for a stack of up to "
+            f"{size.stack_bytes}"
         )
     return program
 

@@ -16,30 +16,10 @@ from pathlib import Path
 from twin.base.errors import RigError, TwinError
 from twin.base.writing import why
 from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.fault_lines import CONTROL_COMMANDS
 from twin.emulator.load import InertiaLoad
 from twin.emulator.node import EmulatedNode
 
-CONTROL_COMMANDS = (
-    "state",
-    "fault NODE NUMBER [lasting]",
-    "sto NODE",
-    "release NODE",
-    "voltage NODE off|on",
-    "reboot NODE",
-    "power NODE SECONDS",
-    "jam NODE",
-    "free NODE",
-    "torque NODE NM",
-    "sdo NODE silent|answers",
-    "abort NODE INDEX:SUB CODE",
-    "restore NODE",
-    "drop ID|all SECONDS",
-    "delay ID|all BY SECONDS",
-    "repeat ID|all SECONDS",
-    "cut ID|all BYTES SECONDS",
-    "clear",
-)
-"""Allowed lines; NUMBER, INDEX, CODE and ID are decimal, or hexadecimal with 0x."""
 _USAGE_TEXTS = {each.split()[0]: f"how: {each}" for each in CONTROL_COMMANDS}
 """How a line is written, by its first word."""
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from controllers.arrays import Array, Mask
-from twin.base.errors import LogError
+from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.log_columns import AXIS_COLUMNS, ROLE_UNITS, ColumnWanted, unit_factor
 from twin.identify.log_tables import find_column, open_content, parse_numbers, split_content
@@ -72,7 +72,9 @@ def read_any(
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
             raise LogError(f"{path.name}: {role}: {column.name} contains hardly any numbers")
         if broken:
-            notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
+            notes.append(
+                f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
+            )
         columns[role] = column.sign * factor * values
         if index in clocks:
             times[role] = clocks[index]
@@ -111,7 +113,8 @@ def _on_one_clock(
     for role in missing:
         if len(columns[role]) != len(columns["time"]):
             raise LogError(
-                f"{source}: {role}: has {len(columns[role])} rows, time {len(columns['time'])}"
+                f"{source}: {role}: has {plural(len(columns[role]), 'row')}, time "
+                f"{len(columns['time'])}"
             )
     if not times:
         return columns
@@ -218,8 +221,8 @@ def _clean_log(
     shown = np.flatnonzero(seen & ~false)
     if len(shown) < 10:
         raise LogError(
-            f"{source}: the ball is seen in {len(shown)} rows, too few to identify; record "
-            "a longer log"
+            f"{source}: the ball is seen in {plural(len(shown), 'row')}, too few to identify; "
+            "record a longer log"
         )
     shown = shown[np.argsort(sampled[shown], kind="stable")]
     # rows of one frame, recognised by its age, are one sample
@@ -253,13 +256,15 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     for row in back:  # a clock that begins anew: a new part, after a gap
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
     if len(back):
-        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
+        notes.append(
+            f"the clock begins anew {plural(len(back), 'time')}: taken as parts of their own"
+        )
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     joined = _join_rows_of_one_time(time, kept, columns)
     if joined:
-        notes.append(f"{joined} rows joined with the one before them, which is of the same time")
+        notes.append(f"{plural(joined, 'row')} joined with the one before, of the same time")
     if (left := int((~kept).sum()) - joined) > 0:
-        notes.append(f"{left} rows of a time that does not rise left out")
+        notes.append(f"{plural(left, 'row')} of a time that does not rise left out")
     return {role: values[kept] for role, values in (columns | {"time": time}).items()}
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin.base.errors import plural
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
@@ -130,20 +131,20 @@ def _describe_look(look: FirstLook, axis: str) -> str:
         look: The look.
         axis: x or y.
     """
-    share = 100 * look.explained
+    share, windows = 100 * look.explained, plural(look.windows, "window")
     begin = f"{axis}: the full model leaves the gain of this log open"
     if not look.plain:
         return (
             f"{begin}. A ball that rolls in one direction between end stops shows it by the weak "
             "form: gain, dead time + lag, level, friction and camber are those of its motion, "
-            f"{share:.0f} % of which they explain in {look.windows} windows; dead time from lag, "
+            f"{share:.0f} % of which they explain in {windows}; dead time from lag, "
             "damping from friction, and play or dead band are not told apart"
         )
     terms = f"level, {' and '.join(look.terms)}" if look.terms else "level"
     return (
         f"{begin}: its terms make up for each other, or it is in error. A plain model by the weak "
         f"form shows it: gain, dead time + lag, {terms} are those of this model, which explains "
-        f"{share:.0f} % of the motion in {look.windows} windows; dead time from lag, friction from "
+        f"{share:.0f} % of the motion in {windows}; dead time from lag, friction from "
         "damping, and play or dead band are not told apart. The intervals hold what the model "
         "gives with damping, with friction and camber, and with each lever that explains the log"
     )

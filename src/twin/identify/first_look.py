@@ -25,6 +25,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import fftconvolve, savgol_filter
 
 from controllers.arrays import Array, Mask
+from twin.base.errors import plural
 from twin.base.page import digits
 from twin.identify.axis_logs import AxisLog
 from twin.identify.command_model import TiltHistory
@@ -155,8 +156,8 @@ class FirstLook:
         return (
             f"first look, {axis}: gain {digits(self.gain)} +- {digits(2 * self.gain_std)} m/s^2 by "
             f"{unit}, dead time + lag {self.delay:.2f} s, level {digits(self.level)} +- "
-            f"{digits(2 * self.level_std)} m/s^2, from {self.windows} windows {rolls}{without}; "
-            f"+- is scatter alone{ends}"
+            f"{digits(2 * self.level_std)} m/s^2, from {plural(self.windows, 'window')} "
+            f"{rolls}{without}; +- is scatter alone{ends}"
         )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from controllers.arrays import Array, Mask
+from twin.base.errors import plural
 from twin.identify.parameters import IdentifiedParameter
 
 
@@ -488,8 +489,8 @@ class Termination:
     def __str__(self) -> str:
         """In words."""
         if self.reason == CONVERGED:
-            return f"the fit converged after {self.steps} steps"
-        return f"the fit stopped at its limit of {self.step_limit} steps"
+            return f"the fit converged after {plural(self.steps, 'step')}"
+        return f"the fit stopped at its limit of {plural(self.step_limit, 'step')}"
 
 
 class Minimum(NamedTuple):

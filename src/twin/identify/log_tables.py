@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, suggest
+from twin.base.errors import LogError, plural, suggest
 from twin.base.foreign import decode_text
 from twin.identify.log_columns import ColumnWanted
 from twin.run.foreign_logs import foreign_table
@@ -180,8 +180,8 @@ def _split_columns(
     more = any(any(row[named:]) for row in rows if len(row) == usual)
     if by_name and (more or (named > usual > 0 and split is str.split)):
         raise LogError(
-            f"{source}: its header names {named} columns, its rows have {usual}: give the header a "
-            "name for each, or take it out and give numbers of columns"
+            f"{source}: its header names {plural(named, 'column')}, its rows have {usual}: give "
+            "the header a name for each, or take it out and give numbers of columns"
         )
     odd = counts != usual
     if odd.sum() > FEW_ODD_ROWS * len(odd):  # then the writing program pads rows like this
@@ -189,8 +189,8 @@ def _split_columns(
         odd &= counts < usual
     notes = []
     if odd.any():
-        cut = "the first row" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
-        notes.append(f"{cut} left out: not the usual {usual} cells")
+        cut = "the first row" if odd[0] and odd.sum() == 1 else plural(int(odd.sum()), "row")
+        notes.append(f"{cut} left out: not the usual {plural(usual, 'cell')}")
     kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
     width = max(usual, named)
     columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]

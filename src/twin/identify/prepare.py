@@ -9,7 +9,7 @@ import scipy
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.base.errors import LogError
+from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import AxisLog
 from twin.identify.log_columns import AXIS_COLUMNS
 from twin.identify.logs import Log
@@ -100,7 +100,7 @@ def find_ball_samples(log: Log, period: float) -> tuple[Mask, Array, list[str]]:
     usable = log.touched & np.isfinite(log.ball).all(axis=-1)
     if (log.touched & ~usable).any():
         missing = int((log.touched & ~usable).sum())
-        notes.append(f"{missing} rows without ball position left out")
+        notes.append(f"{plural(missing, 'row')} without ball position left out")
     fresh = usable & _new_position(log.age, log.ball, period)
     sigma = _noise(log.ball[fresh], log.axes)
     spikes = np.zeros_like(fresh)
@@ -267,7 +267,7 @@ def prepare(log: Log) -> PreparedLog:
     gap = steps > max(1.5 * period, MAX_BRIDGED_GAP_S)
     if gap.any():
         missing = float(steps[gap].sum())
-        notes.append(f"{int(gap.sum())} gaps of {missing:.2f} s in all left out")
+        notes.append(f"{plural(int(gap.sum()), 'gap')} of {missing:.2f} s in all left out")
     lifted = np.zeros_like(log.touched)
     for first, stop in runs(~log.touched):
         lifted[first:stop] = time[stop - 1] - time[first] >= MIN_LIFT_S
@@ -350,7 +350,11 @@ def _select_complete_rows(log: Log) -> tuple[Log, list[str]]:
     if log.command is not None:
         rows &= np.isfinite(log.command).all(axis=-1)
     missing = int((~rows).sum())
-    notes = [f"{missing} rows without time, plate angle or command left out"] if missing else []
+    notes = (
+        [f"{plural(missing, 'row')} without time, plate angle or command left out"]
+        if missing
+        else []
+    )
     return log.rows(rows), notes
 
 

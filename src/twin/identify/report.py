@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from twin.base import page
+from twin.base.errors import plural
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits
 from twin.base.writing import write_whole
 from twin.identify.verdicts import (
@@ -69,7 +70,7 @@ def _describe_scores(found: Identification) -> Iterator[str]:
         )
         yield (
             f"On what was held out, {name}: {off['model']:.1f} mm off after 1 s (median of "
-            f"{each.windows} windows in which the ball moves; 90 % within "
+            f"{plural(each.windows, 'window')} in which the ball moves; 90 % within "
             f"{1000 * each.ninety['model'][ahead]:.1f} mm), {level}"
             f"{off['without friction']:.1f} mm without friction; a ball that stays "
             f"{off['stays']:.1f} mm, one that goes on {off['goes on']:.1f} mm."

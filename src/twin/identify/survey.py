@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import LogError
+from twin.base.errors import LogError, plural
 from twin.identify.log_columns import ROLE_UNITS, unit_factor
 from twin.identify.log_tables import open_content, parse_numbers, split_content
 from twin.run.logs import split_unit
@@ -207,11 +207,11 @@ def _describe_times(name: str, time: Array) -> list[str]:
     remarks = [f"{1 / usual:.4g} rows per s over {float(rising.sum()):.4g} s"]
     gaps = rising[rising > GAP_STEPS * usual]
     if len(gaps):
-        remarks.append(f"{len(gaps)} gaps, the longest {gaps.max():.3g} s")
+        remarks.append(f"{plural(len(gaps), 'gap')}, the longest {gaps.max():.3g} s")
     if doubled := int((steps == 0).sum()):
         remarks.append(f"{doubled} doubled stamps, of which the first row is taken")
     if resets := int((steps < 0).sum()):
-        remarks.append(f"{resets} steps back")
+        remarks.append(f"{plural(resets, 'step')} back")
     return [f"{name}: {', '.join(remarks)}"]
 
 

@@ -16,7 +16,7 @@ from scipy import stats
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate, corner_frequency, time_constant
-from twin.base.errors import LogError
+from twin.base.errors import LogError, plural
 from twin.identify.least_squares import (
     START_DIFFERENCES,
     START_PRIOR,
@@ -438,7 +438,8 @@ class Whiteness:
         if self.white:
             return "the residuals look like the sensor's noise"
         what = (
-            f"the residuals are not white: {self.outside} of {self.test.lags} lags outside "
+            f"the residuals are not white: {self.outside} of {plural(self.test.lags, 'lag')} "
+            "outside "
             f"the band, {self.misfit:.2f} times the sensor's noise; the log holds motion that the "
             f"twin does not explain, {np.sqrt(self.unexplained):.2f} times the noise's standard "
             "deviation"
@@ -718,7 +719,8 @@ def _describe_fit(
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         yield f"friction at rest taken to be {kind}, which fits better"
     if left_out := windows - len(fit.problem.windows):
-        yield f"{left_out} of {windows} windows left out: no replay explains the ball there"
+        of_all = plural(windows, "window")
+        yield f"{left_out} of {of_all} left out: no replay explains the ball there"
     if not log.scenario and not log.age.any():
         yield "column age missing or zero: a wait for a frame is counted in the dead time"
     if usable.segments[0].command is None:
@@ -757,7 +759,8 @@ def identify_twin(
     if windows is None or len(windows) < 3:
         raise LogError(
             f"{usable.source}: too short: {known.length:.0f} s give "
-            f"{0 if windows is None else len(windows)} windows to fit, at least 3 are needed"
+            f"{plural(0 if windows is None else len(windows), 'window')} to fit, at least 3 are "
+            "needed"
         )
 
     names, fit, white, notes = _fit_windows(usable, windows, names, selection, progress)
@@ -775,7 +778,7 @@ def identify_twin(
     return TwinIdentification(
         source=usable.source,
         extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
-        f"were fitted, in {len(fit.problem.windows)} windows; {fit.found.termination}.",
+        f"were fitted, in {plural(len(fit.problem.windows), 'window')}; {fit.found.termination}.",
         remarks=(f"{words[0].upper()}{words[1:]}.",),
         log=usable,
         seconds=known.length,

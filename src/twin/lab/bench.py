@@ -31,7 +31,7 @@ from controllers import catalog
 from controllers.arrays import Array
 from controllers.interfaces import Feedback, Law, Reference
 from twin.base.data_file import DataError, check_regular, read_regular
-from twin.base.errors import LawError, RecordError, ScenarioError, nearest
+from twin.base.errors import LawError, RecordError, ScenarioError, nearest, plural
 from twin.base.shipped import folder as scenarios_folder
 from twin.base.shipped import model_path
 from twin.base.validation import Checked, read_model
@@ -466,7 +466,9 @@ class Benchmark:
         check_regular(file.lstat())
         expected = len(self.points) * self.about.seeds * len(self.about.tasks)
         if (count := ParquetFile(file).metadata.num_rows) > expected:
-            raise ValueError(f"runs.parquet has {count} rows, of {expected} runs")
+            raise ValueError(
+                f"runs.parquet has {plural(count, 'row')}, of {plural(expected, 'run')}"
+            )
         return pd.read_parquet(file)
 
     @property
@@ -474,7 +476,7 @@ class Benchmark:
         """The message of an entry without differences."""
         rigs, count = min(self.about.replayed, len(self.points)), len(self.points)
         return (
-            f"confirmed on {rigs} of {count} rigs replayed: the same errors and efforts; "
+            f"confirmed on {rigs} of {plural(count, 'rig')} replayed: the same errors and efforts; "
             "the scores are those of its runs"
         )
 

@@ -12,7 +12,7 @@ import re
 import stat
 import unicodedata
 from collections import defaultdict
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -180,7 +180,8 @@ def collect(lab: Lab, folder: Path, people: Collection[str] = ()) -> Collected:
     Args:
         lab: The lab.
         folder: The folder of the submissions.
-        people: The students of the class, if known.
+        people: The students of the class, if known; those of a mapping have names, by which a
+            course system may call them.
 
     Raises:
         ScenarioError: If there is no such folder, or no student's folder or file in it.
@@ -216,8 +217,12 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
     if name.startswith(".") or name == "__MACOSX":
         raise ScenarioError("belongs to the course system")
     if systems := _system_name(path):
-        full = unicodedata.normalize("NFC", systems["student"]).strip()
-        return re.sub(r"[^\w.@+-]+", "_", full)  # O'Neil is O_Neil
+        full = _full_name(systems["student"])
+        called = dict(people) if isinstance(people, Mapping) else {}
+        named = [
+            each for each, name in called.items() if _full_name(name).casefold() == full.casefold()
+        ]
+        return named[0] if len(named) == 1 and full not in people else full
     if stat.S_ISDIR(mode):
         return _in_class(path, people)
     nobodys = name.casefold() in {about.file.casefold(), RIG_FILE}
@@ -232,6 +237,11 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
         raise ScenarioError("is an archive: unpack it")
     kind = f"nor a {Path(about.file).suffix} file" if stat.S_ISREG(mode) else "nor a regular file"
     raise ScenarioError(f"is neither a folder {kind}")
+
+
+def _full_name(text: str) -> str:
+    """A person's name as that of a file: O'Neil is O_Neil."""
+    return re.sub(r"[^\w.@+-]+", "_", unicodedata.normalize("NFC", text).strip())
 
 
 def _system_name(path: Path) -> re.Match[str] | None:

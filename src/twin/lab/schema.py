@@ -479,18 +479,34 @@ def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None
 def reload_deal(lab: Lab, folder: Path, key: str | None, student: str | None = None) -> Deal:
     """The rig of a folder's answer: by its ``rig.toml``, or by the student's name.
 
+    The rig of ``lab start``, to practise on, has the name that the student typed: any will do as
+    long as there is no key. With one, it is passed over where a lab hands out neither values nor a
+    log of a rig, as the answer then cannot depend on it.
+
     Raises:
-        ScenarioError: If the file has a different lab, version, student or key.
+        ScenarioError: If the file has a different lab, version, student or key, or is of a rig to
+            practise on where the course's own is needed.
     """
     try:
         (folder / RIG_FILE).lstat()
     except OSError:
         return deal(lab, student or "nobody", key)
     handed = read_model(HandedRig, folder / RIG_FILE, regular=True)
-    wanted = {"lab": lab.name, "version": lab.version, "student": student or handed.student}
-    for what, must in wanted.items():
+    for what, must in {"lab": lab.name, "version": lab.version}.items():
         if (has := getattr(handed, what)) != must:
             raise ScenarioError(f"{RIG_FILE}: {what}: is {has!r}, must be {must!r}")
+    if handed.practice and key is not None:
+        if lab.variant is not None and (lab.variant.told or lab.variant.log):
+            raise ScenarioError(
+                f"{RIG_FILE}: practice: is of the rig that `lab start` makes to practise on; the "
+                "answer must be made for the rig that the course hands out"
+            )
+        return deal(lab, student or handed.student, key)
+    if student and handed.student != student and not handed.practice:
+        raise ScenarioError(
+            f"{RIG_FILE}: student: is {handed.student!r}, must be {student!r}; if they are one, "
+            f"the class (--class) must have the name of {handed.student} in its second column"
+        )
     own_key = PRACTICE_KEY if handed.practice and key is None else key
     found = deal(lab, handed.student, own_key, handed.code)
     if found.code != handed.code:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.base.errors import ScenarioError
+from twin.base.errors import ScenarioError, plural
 from twin.base.jobs import results
 from twin.lab.judge import judge_answer
 from twin.lab.schema import (
@@ -216,7 +216,7 @@ def propose_limits(
         elif check.name in who.fails or (who.name == "starter" and (check.metric or check.number)):
             bad[float(np.median(sense * np.array(reached)))] = who.name
     if len(good) < rigs:
-        failed = f"the solution fails on {rigs - len(good)} of {rigs} rigs"
+        failed = f"the solution fails on {rigs - len(good)} of {plural(rigs, 'rig')}"
         return Finding(check.name, False, failed)
     full = max(np.median(good) + full_stds * good.std(), good.max())
     none = min(bad, default=np.inf)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.base.errors import ScenarioError
+from twin.base.errors import ScenarioError, plural
 from twin.base.page import Table
 from twin.identify.logs import Log
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE, HIDDEN_PARAMETERS
@@ -185,8 +185,8 @@ class MotionForecast:
         for each in dict.fromkeys(group for rig in self.every for group in rig.indistinct):
             count = sum(each in rig.indistinct for rig in self.every)
             yield (
-                f"expected to be known only together on {count} of {len(self.every)} rigs: "
-                f"{' and '.join(each)}"
+                f"expected to be known only together on {count} of "
+                f"{plural(len(self.every), 'rig')}: {' and '.join(each)}"
             )
         if self.nominal.why:
             yield f"nothing is expected of the nominal rig: {self.nominal.why}"

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import LogError, RecordError, nearest
 from twin.base.foreign import kind_of
-from twin.base.shipped import shipped_scenarios
+from twin.base.shipped import nearest_neighbour, shipped_scenarios
 from twin.base.writing import write_whole
 
 if TYPE_CHECKING:
@@ -324,7 +324,8 @@ def check_no_scenario(path: Path) -> None:
     name = path.relative_to(RUNS_FOLDER) if path.is_relative_to(RUNS_FOLDER) else path
     if name.as_posix() in shipped_scenarios() and not path.exists():
         what = "is a scenario, not a run" if name == path else "is not there yet"
-        raise RecordError(f"{path} {what}; first: ballplate run {name}, then open runs/{name.name}")
+        first = f"first: ballplate run {name}, then open runs/{name.name}"
+        raise RecordError(f"{path} {what}; {first}{nearest_neighbour(path)}")
 
 
 RECORD_SUFFIXES = {".csv", ".parquet", ".arrows"}
@@ -385,12 +386,14 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
     Args:
         path: ``.csv``: a header ``name [unit]``, as ``identify`` reads it, numbers with all their
             digits. ``.mat``: one column vector per name, and the struct ``units``, for MATLAB; of
-            a run also the structs ``scenario``, ``parameters`` and ``metrics``.
+            a run also the structs ``scenario``, ``parameters`` and ``metrics``, and the same in
+            JSON as the text ``record_json``, from which they are read back.
             ``.parquet``: one column per name with its unit in the metadata. ``.mcap``:
             messages of ROS 2, see ``ros2.toml``, by the extra ``mcap``.
         columns: Name to values, shape (K,) each.
         units: Name to unit.
-        about: Further data by name: structs of a .mat file, attachments of an MCAP file in JSON.
+        about: Further data by name: structs of a .mat file, metadata of a Parquet file, attachments
+            of an MCAP file in JSON. A CSV file has no place for them.
 
     Raises:
         RecordError: If the ending is none of these, a package for it is missing, or the file cannot
@@ -410,6 +413,12 @@ def _csv(path: Path, columns: Columns, units: Units, about: About) -> None:
         writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
 
 
+METADATA_KEY = b"ballplate"
+"""Key of the metadata of a Parquet or Arrow file under which a run has its own, in JSON."""
+JSON_VARIABLE = "record_json"
+"""Variable of a .mat file with all further data in JSON, which keeps what MATLAB's types lose."""
+
+
 def _mat(path: Path, columns: Columns, units: Units, about: About) -> None:
     from scipy.io import savemat  # noqa: PLC0415  heavy: loaded when needed
 
@@ -418,6 +427,7 @@ def _mat(path: Path, columns: Columns, units: Units, about: About) -> None:
         path,
         {
             **{_plain(name): _matlab_value(value) for name, value in about.items()},
+            **({JSON_VARIABLE: json.dumps(about)} if about else {}),
             **named,
             "units": {_plain(name): units.get(name, "") for name in columns},
         },
@@ -464,7 +474,8 @@ def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
     import pyarrow.parquet as pq  # noqa: PLC0415
 
     arrays = [pa.array(values.tolist(), pa.float64()) for values in columns.values()]
-    schema = pa.schema(arrow_fields({name: units.get(name, "") for name in columns}))
+    fields = arrow_fields({name: units.get(name, "") for name in columns})
+    schema = pa.schema(fields, {METADATA_KEY: json.dumps(about)} if about else None)
     pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
 
 

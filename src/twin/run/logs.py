@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, one_line, shorten
+from twin.base.errors import LogError, one_line, plural, shorten
 from twin.base.foreign import decode_text
 from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M
 from twin.hal.supervisor import State
-from twin.run.files import is_record
+from twin.run.files import METADATA_KEY, is_record
 from twin.run.finished import Run
 from twin.run.foreign_logs import foreign_table, refuse_foreign
 from twin.run.metrics import Ending, Motion, Outcome
@@ -98,8 +98,8 @@ def _check_lengths(source: str, named: int, lines: Sequence[tuple[int, list[str]
         if cut or any(map(str.strip, row[named:])):
             why = ": its front may be cut off; take the line out" if cut else ""
             raise LogError(
-                f"{source}: line {number}: has {len(row)} cells, the header names {named} "
-                f"columns{why}"
+                f"{source}: line {number}: has {plural(len(row), 'cell')}, the header names "
+                f"{named} columns{why}"
             )
 
 
@@ -173,7 +173,7 @@ def _read_table(
             name, unit.decode() if unit else None, units[name], path.name
         )
     try:
-        return columns, json.loads((schema.metadata or {}).get(b"ballplate", b"{}"))
+        return columns, json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
     except (ValueError, RecursionError):
         raise LogError(f"{path.name}: its metadata does not describe a run") from None
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.data_file import DataError, parse_json
-from twin.base.errors import RecordError, ScenarioError
+from twin.base.errors import RecordError, ScenarioError, plural
 from twin.base.parts import AbsentPartError
 from twin.hal.supervisor import State
 from twin.run import files
@@ -100,7 +100,7 @@ def open_run(path: Path) -> list[Run]:
         return [run]
     period = scenario.rig.period
     if lost := round(float((np.diff(values["time"]) / period - 1).sum())):
-        lacks = f"{file.name}: {lost} periods are not in it: begun too late, or not written"
+        lacks = f"{file.name}: {plural(lost, 'period')} not in it: begun too late, or not written"
         run = replace(run, incomplete=(*run.incomplete, lacks))
     end, reason = values["time"][-1] + period, KILLED_REASON
     stopped = np.isin(values["supervisor"], (State.HOLDING, State.FAULT))

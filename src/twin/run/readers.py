@@ -20,9 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
+from twin.base.data_file import DataError, parse_json
 from twin.base.errors import LogError
 from twin.base.finalisers import quiet_finalisers
 from twin.base.parts import extra
+from twin.run.files import JSON_VARIABLE, METADATA_KEY
 from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
 
 MAX_DEPTH = 6
@@ -99,7 +101,20 @@ def _of_arrow(table: Any) -> ForeignTable:
             columns[each.name] = numbers_of(values)
         if unit := (each.metadata or {}).get(b"unit"):
             units[each.name] = unit.decode(errors="replace")
-    return ForeignTable(columns, units)
+    metadata = _own_metadata((table.schema.metadata or {}).get(METADATA_KEY, b"{}"))
+    return ForeignTable(columns, units, metadata)
+
+
+def _own_metadata(text: str | bytes) -> Any:
+    """The metadata of an exported run.
+
+    Raises:
+        ValueError: If they are not JSON, or go beyond a limit.
+    """
+    try:
+        return parse_json(text)
+    except DataError as error:
+        raise ValueError(f"metadata of a run: {error}") from None
 
 
 def numbers_of(values: NDArray[Any]) -> Array | list[str]:
@@ -246,7 +261,7 @@ def _plain(value: Any, depth: int = 0) -> Any:
     return value
 
 
-OWN_STRUCTS = {"units", "scenario", "parameters", "metrics"}
+OWN_STRUCTS = {"units", "scenario", "parameters", "metrics", JSON_VARIABLE}
 """Structs beside the columns in an exported run, known by the units among them."""
 
 
@@ -269,7 +284,9 @@ def _of_matlab(path: Path, values: Mapping[str, Any], opaque: list[str]) -> Fore
         raise LogError(f"{path.name}: {name} {OBJECT_ADVICE.format(name=name)}")
     notes = [f"{name} {OBJECT_ADVICE.format(name=name)}" for name in opaque]
     named = {n: str(u) for n, u in (units or {}).items() if n in columns and str(u)}
-    return ForeignTable(columns, named, clocks=clocks, notes=tuple(notes))
+    text = values.get(JSON_VARIABLE) if units else None
+    metadata = _own_metadata(text) if isinstance(text, str) else {}
+    return ForeignTable(columns, named, metadata, clocks, tuple(notes))
 
 
 def _take(

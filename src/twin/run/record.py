@@ -24,10 +24,10 @@ from controllers.arrays import Array
 from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.base.data_file import DataError, parse_json, read_toml
-from twin.base.errors import RecordError, one_line
+from twin.base.errors import RecordError, one_line, plural
 from twin.base.shipped import nearest_neighbour
 from twin.base.writing import remove, write_whole
-from twin.run.files import STREAM_FILE, arrow_fields
+from twin.run.files import METADATA_KEY, STREAM_FILE, arrow_fields
 from twin.scenario.schema import CATALOG_TABLES, MOST_PERIODS, Scenario, choices, with_settings
 
 if TYPE_CHECKING:
@@ -308,14 +308,14 @@ def _seal_schema(units: Mapping[str, str], metadata: Mapping[str, Any]) -> tuple
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
     about = json.dumps(metadata, sort_keys=True).encode()
-    schema = pa.schema(arrow_fields(units), metadata={b"ballplate": about})
+    schema = pa.schema(arrow_fields(units), metadata={METADATA_KEY: about})
     return schema, _seal_of(schema)
 
 
 def _seal_of(schema: pa.Schema) -> bytes:
     """The checksum of metadata, names, types and units of columns."""
     units = [[each.name, str(each.type), _unit(each)] for each in schema]
-    about = (schema.metadata or {}).get(b"ballplate", b"")
+    about = (schema.metadata or {}).get(METADATA_KEY, b"")
     return _digest(b"", (about, json.dumps(units).encode()))
 
 
@@ -349,7 +349,7 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     def wanted(schema: pa.Schema) -> list[str]:
         if len(set(schema.names)) < len(schema.names):
             raise RecordError(f"{file}: not a readable Parquet file: two columns have one name")
-        if b"ballplate" not in (schema.metadata or {}):
+        if METADATA_KEY not in (schema.metadata or {}):
             raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
         return [each.name for each in schema if is_number(each.type)]
 
@@ -371,7 +371,7 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     columns = {name: _numbers(table[name]) for name in table.column_names}
     units = {item.name: _unit(item) for item in table.schema}
     try:
-        metadata = parse_json(about[b"ballplate"])
+        metadata = parse_json(about[METADATA_KEY])
     except DataError as error:
         raise RecordError(f"{file}: metadata 'ballplate': {error}") from error
     if not isinstance(metadata, dict):
@@ -473,13 +473,15 @@ def check_size(rows: int, columns: int, wanted: int, size: int) -> None:
     """
     if rows > MOST_ROWS or columns > MOST_COLUMNS:
         raise OSError(
-            f"{rows} rows of {columns} columns; at most {MOST_ROWS} of {MOST_COLUMNS} are read"
+            f"{plural(rows, 'row')} of {plural(columns, 'column')}; "
+            f"at most {MOST_ROWS} of {MOST_COLUMNS} are read"
         )
     most = max_unpacked(size)
     if 8 * rows * wanted > most:
         raise OSError(
-            f"{rows} rows of {wanted} columns would take {8e-6 * rows * wanted:.0f} MB; at most "
-            f"{1e-6 * most:.0f} MB are read of a file of {1e-3 * size:.0f} kB"
+            f"{plural(rows, 'row')} of {plural(wanted, 'column')} "
+            f"would take {8e-6 * rows * wanted:.0f} MB; "
+            f"at most {1e-6 * most:.0f} MB are read of a file of {1e-3 * size:.0f} kB"
         )
 
 
@@ -546,7 +548,7 @@ def read_metadata(file: Path) -> bytes | None:
         schema = read_table(file, lambda _: []).schema if streamed else pq.read_schema(file)
     except unreadable_errors() as error:
         raise RecordError(f"{file}: not a readable record") from error
-    return (schema.metadata or {}).get(b"ballplate")
+    return (schema.metadata or {}).get(METADATA_KEY)
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:

@@ -20,7 +20,7 @@ from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
-from twin.emulator.injection import MATRIX_ROWS, fault_name
+from twin.emulator.fault_lines import MATRIX_ROWS, fault_name
 from twin.emulator.lockstep import BALL_TIMEOUT_S
 from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol

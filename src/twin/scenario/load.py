@@ -143,6 +143,7 @@ def _resolve_without_lag(
     if "title" not in dict(settings):
         with suppress(OverflowError):  # the check of the tables reports the number
             merged = _with_real_title(tables, merged, share, one_left=one_left)
+        merged = _with_real_kinds(tables, merged)
     return merged, source
 
 
@@ -263,6 +264,62 @@ def _with_real_title(
     return {**merged, "title": ", ".join((real, *stated))}
 
 
+def _with_real_kinds(tables: Mapping[str, Any], merged: Tables) -> Tables:
+    """Tables whose title names reference and law as they run, where another kind was chosen.
+
+    Of a reference the part of the title that names one goes, with its numbers; where none does, the
+    new one is named at the end. A law is named only where the old one was.
+    """
+    title = merged.get("title")
+    if not isinstance(title, str):
+        return merged
+    for table in ("reference", "controller"):
+        was, now = (_kind_of(each, table) for each in (tables, merged))
+        if not was or not now or was == now:
+            continue
+        if table == "reference":
+            title = _state_reference(title, now.replace("_", " "))
+        else:
+            named = rf"\b{re.escape(was.replace('_', ' '))}\b"
+            title = re.sub(named, _law_in_words(now), title, flags=re.IGNORECASE)
+    return {**merged, "title": title[:1].upper() + title[1:]}
+
+
+def _kind_of(tables: Mapping[str, Any], table: str) -> str:
+    """The kind of law or reference that tables name; empty if there is none of that name."""
+    found = tables.get(table)
+    kind = found.get("kind") if isinstance(found, Mapping) else None
+    return kind if isinstance(kind, str) and kind in schema.choices(table) else ""
+
+
+MAX_ACRONYM = 3
+"""Letters of the names of laws that are initials, as LQR."""
+
+
+def _law_in_words(kind: str) -> str:
+    """A kind of law as titles have it: ``LQR``, ``sliding mode``."""
+    return kind.upper() if len(kind) <= MAX_ACRONYM else kind.replace("_", " ")
+
+
+def _state_reference(title: str, now: str) -> str:
+    """A title with the new reference in place of the part that names one.
+
+    Args:
+        title: Parts with commas between them, as ``Sine on both axes, 150 mm at 0.5 rad/s``.
+        now: The new one's name.
+    """
+    kinds = "|".join(each.replace("_", " ") for each in schema.choices("reference"))
+    named = re.compile(rf"\b({kinds})\b", re.IGNORECASE)
+    parts = re.findall(r"(?:\([^)]*\)|[^,(])+", title)
+    at = next((i for i, part in enumerate(parts) if named.search(part)), None)
+    if at is None:
+        return f"{title}, reference {now}"
+    after = at + 1
+    while after < len(parts) and re.match(r" *[-(\d]", parts[after]):  # numbers of the old one
+        after += 1
+    return ", ".join(part.strip() for part in (*parts[:at], now, *parts[after:]))
+
+
 def _state_numbers(
     title: str, pairs: Sequence[tuple[Any, Any]], unit: str, *, one_left: bool
 ) -> str:
@@ -370,8 +427,16 @@ def read(name: str) -> tuple[Tables, str]:
 def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     """Tables with those of more tables put in, key by key.
 
-    A new ``kind`` of controller, observer or reference drops the settings of the old.
+    A new ``kind`` of controller, observer or reference drops the settings of the old, and a setting
+    drops those that it replaces.
     """
+    law = more.get("controller")
+    given = [f"controller.{name}" for name in law] if isinstance(law, Mapping) else []
+    return _without_replaced(_laid_over(tables, more), given)
+
+
+def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
+    """Tables with those of more tables put in, key by key, without a look at what is replaced."""
     result = dict(tables)
     for key, value in more.items():
         old = result.get(key)
@@ -380,10 +445,56 @@ def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
                 None,
                 old.get("kind"),
             }:
-                result[key] = laid_over(old, value)
+                result[key] = _laid_over(old, value)
             case _:
                 result[key] = value
     return result
+
+
+def _replaced(tables: Mapping[str, Any], given: Collection[str]) -> dict[str, str]:
+    """Settings of the law in tables that given keys replace, as gains do poles, and by which.
+
+    A setting that is given itself stays: the check of the tables refuses the two together.
+    """
+    controller: Any = tables.get("controller")
+    kind = controller.get("kind") if isinstance(controller, dict) else None
+    law: Any = schema.choices("controller").get(kind) if isinstance(kind, str) else None
+    replaces: Mapping[str, tuple[str, ...]] = getattr(law, "replaces", {})
+    pairs = [(one, other) for one, others in replaces.items() for other in others]
+    return {
+        old: new
+        for pair in pairs
+        for new, old in (pair, pair[::-1])
+        if f"controller.{new}" in given and f"controller.{old}" not in given and old in controller
+    }
+
+
+def _without_replaced(tables: Tables, given: Collection[str]) -> Tables:
+    """Tables without the settings of the law that given keys replace."""
+    if not (old := _replaced(tables, given)):
+        return tables
+    law = {name: value for name, value in tables["controller"].items() if name not in old}
+    return tables | {"controller": law}
+
+
+def describe_replaced(name: str, settings: Collection[tuple[str, Any]]) -> str:
+    """The settings of a scenario's law that changes replace, in one line; empty if there are none.
+
+    Args:
+        name: A shipped scenario, or a TOML file.
+        settings: Dotted keys and values, as ``resolve`` takes them.
+
+    Raises:
+        ScenarioError: If the scenario cannot be read, or a key leads through a value.
+    """
+    tables, source = read(name)
+    kinds = [(key, value) for key, value in settings if key == "controller.kind"]
+    old = _replaced(put(tables, kinds), [key for key, _ in settings])
+    new, gone = (
+        " and ".join(f"controller.{each}" for each in dict.fromkeys(names))
+        for names in (old.values(), old)
+    )
+    return f"{new} replaces {gone} of {source}" if old else ""
 
 
 def setting(text: str) -> tuple[str, Any]:
@@ -412,12 +523,12 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
     """The tables with the values of dotted keys put in.
 
     Naming a new ``kind`` of controller, observer or reference drops the settings of the old; the
-    ball that is known stays.
+    ball that is known stays. A setting drops those that it replaces.
 
     Raises:
         ScenarioError: If a key leads through a value.
     """
-    result = copy.deepcopy(dict(tables))
+    result, settings = copy.deepcopy(dict(tables)), list(settings)
     for key, new in sorted(settings, key=lambda item: not item[0].endswith(".kind")):
         names = key.split(".")
         if len(names) > MAX_NESTING:
@@ -434,7 +545,7 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
             without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)
-    return result
+    return _without_replaced(result, [key for key, _ in settings])
 
 
 def check(tables: Mapping[str, Any], source: str) -> Scenario:
@@ -535,6 +646,9 @@ def validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix:
     except ValidationError as error:
         known = every_key() if model is Scenario else []
         found = first_finding(model, error, known)
+        table, missing, rest = found.partition(".kind: missing; ")
+        if missing and rest and table in CATALOG_TABLES:
+            found = f"{table}.kind: missing; give one of {', '.join(schema.choices(table))}"
         if "; did you mean" not in found and (others := _kinds_with(model, error, prefix)):
             found = f"{found}; a key of {others}"
         raise ScenarioError(f"{source}: {prefix}{found}") from None

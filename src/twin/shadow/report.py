@@ -14,6 +14,7 @@ import rerun as rr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from twin.base.errors import plural
 from twin.base.page import Block, Picture, Text, Verdict, html
 from twin.base.writing import write_json, write_whole
 from twin.identify.any_logs import read_any
@@ -234,7 +235,7 @@ def sentences(found: Shadow) -> list[str]:
     if len(found.gaps):
         missing = float(np.diff(found.gaps, axis=1).sum())
         words.append(
-            f"{len(found.gaps)} gaps of {missing:.2f} s in all are in the log; they are shown grey."
+            f"The log has {plural(len(found.gaps), 'gap')} of {missing:.2f} s in all, shown grey."
         )
     words += [f"{found.wall_note.capitalize()}."] if found.wall_note else []
     return words
@@ -477,7 +478,9 @@ class Commentary:
         self._say(self._follower.ask(whole=True), tell)
         self._score(0.0)
         if dropped:
-            self._line(f"twin: missed {dropped} rows of the run; its page has them all")
+            self._line(
+                f"twin: missed {plural(dropped, 'row')} of the run; its page has all of them"
+            )
 
     def _say(self, explained: list[Alarm], tell: Tell) -> None:
         found = self._follower.result

@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from twin.base.errors import RecordError, ScenarioError, TwinError, one_line
+from twin.base.errors import RecordError, ScenarioError, TwinError, one_line, plural
 from twin.base.jobs import JOBS_PER_PROCESS, cores, handed_out, pool, results
 from twin.base.parts import extra
 from twin.base.writing import write_whole
@@ -186,7 +186,7 @@ class Store:
     def __str__(self) -> str:
         """What of them is had again, for who ends a command."""
         kept = 0 if self.folder is None else sum(chunk.num_rows for chunk in self._chunks)
-        return f"{kept or 'no'} runs are kept{'; the same command goes on from there' * bool(kept)}"
+        return f"runs kept: {kept or 'none'}{'; the same command goes on from there' * bool(kept)}"
 
     def rows(self, keys: Sequence[str]) -> pa.Table:
         """The runs with these keys, in their order; those that are not finished are left out."""
@@ -355,7 +355,8 @@ def _elsewhere(
             return
         left = lost
     raise TwinError(
-        f"{len(left)} chunks of runs were lost {MAX_RETRIES} times; the last one: {why}"
+        f"{plural(len(left), 'chunk')} of runs lost {plural(MAX_RETRIES, 'time')}; the last one: "
+        f"{why}"
     )
 
 

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from twin.base import page
 from twin.base.data_file import read_toml
+from twin.base.errors import plural
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.base.writing import write_whole
 from twin.run.files import INDICATOR_UNITS
@@ -228,8 +229,8 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
     for answer in found:
         if answer.whole.failed:
             words.append(
-                f"{answer.variant}: {answer.whole.failed} of {answer.whole.runs} runs did not "
-                "finish; its median and quantiles leave them out."
+                f"{answer.variant}: of {plural(answer.whole.runs, 'run')} {answer.whole.failed} "
+                "did not finish; its median and quantiles leave them out."
             )
         words += [f"{answer.variant}: {note}." for note in answer.notes]
     return words or ["All runs finished; see the curves."]
@@ -340,8 +341,8 @@ def what_ran(work: Work) -> str:
     seeds, variants = study.seeds, len(study.compared)
     return (
         f"Scenario {study.scenario} ({', '.join(study.set) or 'as it is'}), method {study.method}: "
-        f"{len(work.design)} points, {seeds} seed{'s' * (seeds > 1)}, "
-        f"{variants} variant{'s' * (variants > 1)}, {len(work.tasks)} runs. "
+        f"{plural(len(work.design), 'point')}, {plural(seeds, 'seed')}, "
+        f"{plural(variants, 'variant')}, {plural(len(work.tasks), 'run')}. "
         f"{'Every variant had the same points and the same noise. ' * (variants > 1)}"
         f"Physics step {steps} ms; docs/performance.md has the error of 2 ms."
         f"{ENGINE_SENTENCES[study.engine]}"

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from controllers.arrays import Array
-from twin.base.errors import ScenarioError
+from twin.base.errors import ScenarioError, plural
 from twin.run.tables import INDICATOR_LABELS
 from twin.scenario.rig_tables import LEFT_OUT
 from twin.study.experiments import label_rows
@@ -388,8 +388,8 @@ def _differing_failures(name: str, own: Array, paired: Array) -> str:
     if not apart:
         return ""
     return (
-        f"{name}: no estimates from both plants, because {apart} of {len(own)} points fail on one "
-        "of them only"
+        f"{name}: no estimates from both plants, because at {apart} of "
+        f"{plural(len(own), 'point')} a run fails on one of them only"
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pyarrow.csv as pa_csv
 
 from controllers.analysis import number
+from twin.base.errors import plural
 from twin.base.page import Block, Table, Text, digits
 from twin.base.writing import write_whole
 from twin.run.tables import INDICATOR_LABELS
@@ -43,8 +44,10 @@ def describe(found: Screened) -> str:
     engine = {"c": "compiled C", "python": "Python"}[found.engine]
     left = f" The exact equations have no {', '.join(found.left_out)}." if found.left_out else ""
     return (
-        f"{counts['mechanism']} runs on the mechanism; the same points on the exact equations "
-        f"({counts['paired']} different runs); {found.times} times as many further points there "
+        f"{plural(counts['mechanism'], 'run')} on the mechanism; the same points on the exact "
+        "equations "
+        f"({plural(counts['paired'], 'different run')}); {plural(found.times, 'time')} as many "
+        "further points there "
         f"({counts['wide']} different runs, simulated in {engine}); and {counts['checked']} of "
         f"these, the worst and the best, on the mechanism.{left}"
     )

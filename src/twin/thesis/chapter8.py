@@ -24,6 +24,7 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
 from twin.base.data_file import read_packaged
+from twin.base.errors import plural
 from twin.base.jobs import cores, results
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
@@ -414,7 +415,8 @@ def _early(outcomes: Sequence[Outcome]) -> str:
     if not early:
         return ""
     time, ending = early[0]
-    return f"{len(early)} of {len(outcomes)} runs ended early, the first {ending} at {time:.1f} s"
+    of_all = plural(len(outcomes), "run")
+    return f"{len(early)} of {of_all} ended early, the first {ending} at {time:.1f} s"
 
 
 WORTH_A_NOTE = 1.0
@@ -670,9 +672,9 @@ def sentence(cells: Sequence[ThesisCell]) -> str:
     why = [each for each in why if not each.startswith("0 ")]
     if found["differs"]:
         why.insert(0, f"{found['differs']} new, not noted so far")
-    text = f"{found['cells']} cells: {found['agrees']} agree, {found['disagree']} do not"
+    text = f"{plural(found['cells'], 'cell')}: {found['agrees']} agree, {found['disagree']} do not"
     text += f" ({', '.join(why)}). " if why else ". "
-    text += f"Of {found['values']} values without spread {within}"
+    text += f"Of {plural(found['values'], 'value')} without spread {within}"
     worst: ThesisCell | None = found["worst"]
     if worst is None:
         return f"{text}."

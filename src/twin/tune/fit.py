@@ -18,6 +18,7 @@ import scipy
 from controllers.analysis import number
 from controllers.arrays import Array, Mask
 from twin.base import page
+from twin.base.errors import plural
 from twin.base.page import Block, Table, Verdict, digits
 from twin.base.writing import write_json
 from twin.tune.cells import (
@@ -388,8 +389,9 @@ def sentences(found: FitResult) -> list[str]:
     """The result of a fit, in sentences."""
     table = found.table
     lines = [
-        f"{len(found.cells)} measured numbers of {len(table.experiments)} experiments, "
-        f"{len(table.parameters)} parameters: chi-squared {found.chi2:.1f}."
+        f"{plural(len(found.cells), 'measured number')} of "
+        f"{plural(len(table.experiments), 'experiment')}, "
+        f"{plural(len(table.parameters), 'parameter')}: chi-squared {found.chi2:.1f}."
     ]
     ends = [chi2 for chi2, _ in found.ends]
     if len(ends) > 1:

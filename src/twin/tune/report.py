@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.base import page
+from twin.base.errors import plural
 from twin.base.page import Block, Code, Table, Text, Verdict, digits
 from twin.base.writing import write_json, write_whole
 from twin.run.assemble import build_law
@@ -62,7 +63,8 @@ def sentences(found: TuneResult) -> list[str]:
     tried = len(found.candidates)
     ran = sum(bool(each.scores) for each in found.candidates)
     lines = [
-        f"{tried} candidates, {ran} of them run on up to {tune.rigs[-1]} rigs of draw {tune.draw} "
+        f"{plural(tried, 'candidate')}, {ran} of them run on up to {plural(tune.rigs[-1], 'rig')} "
+        f"of draw {tune.draw} "
         f"of the family {tune.family}; {tried - ran} had a nominal loop without the margins asked.",
         f"On {after['rigs']} fresh rigs of draw {tune.certificate_draw}: "
         f"{describe_failures(after)}; before: {describe_failures(before)}.",

@@ -240,7 +240,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
 def describe_run(run: Run, clean: float | None = None) -> str:
     """The verdict on a run; arguments as for ``verdict``."""
     if not len(run.rows["time"]):
-        return f"{ENDING_TEXTS[run.metrics['outcome']]}: {run.metrics['reason']}."
+        return _sentence(f"{ENDING_TEXTS[run.metrics['outcome']]}: {run.metrics['reason']}")
     return verdict(run, Diagnosis.of(run), clean)
 
 
@@ -364,7 +364,7 @@ def _ending(run: Run) -> str:
     end = float(run.metrics.get("outcome_time", run.rows["time"][-1]))
     reason = run.metrics.get("reason")
     ending = ENDING_TEXTS.get(outcome, "The run ended")
-    ending_text = f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
+    ending_text = _sentence(f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}")
     late = describe_lateness(run.ledger) if outcome == "fault" and run.ledger else ""
     return f"{late[0].upper()}{late[1:]}. {ending_text}" if late else ending_text
 
@@ -376,3 +376,8 @@ def _mm(distance: float) -> str:
         if distance >= MIN_REPORTED_DISTANCE_M
         else f"below {1000 * MIN_REPORTED_DISTANCE_M:g} mm"
     )
+
+
+def _sentence(text: str) -> str:
+    """A text with a full stop, unless it ends in a sign of its own, as a question does."""
+    return text if text.endswith(("?", "!", ".")) else f"{text}."

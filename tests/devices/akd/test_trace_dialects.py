@@ -156,6 +156,25 @@ def test_a_log_of_candump_is_read_as_python_can_reads_it(tmp_path, frames, name)
         assert each.channel == their.channel
 
 
+@pytest.mark.parametrize("ending", [".asc", ".blf", ".trc"])
+def test_channels_of_vectors_and_peaks_files_count_from_one(tmp_path, ending):
+    """The file itself is the truth: python-can adds 1 to its channels when it writes one."""
+    file = tmp_path / f"bus{ending}"
+    with can.Logger(file) as writer:
+        for number in range(5):
+            which = number % 2
+            writer(can.Message(BEGIN + number, 0x701 + which, False, data=b"\5", channel=which))
+    if ending == ".asc":
+        rows = [line.split() for line in file.read_text().splitlines() if " Rx " in line]
+        assert [row[1] for row in rows] == ["1", "2", "1", "2", "1"]
+    found = read_trace(file)
+    assert found.channel == "1"
+    assert {each.channel for each in found.frames} == {"1"}
+    assert "channel 1 is shown (3 frames); others: 2 (2)" in found.remarks
+    other = read_trace(file, channel="2")
+    assert {each.arbitration_id for each in other.frames} == {0x702}
+
+
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("cut")

@@ -113,7 +113,7 @@ def test_a_bad_row_in_a_table_of_saleae_costs_its_own_frame(tmp_path, kind, plac
     file.write_text("\n".join(rows) + "\n")
     found = read_trace(file)
     assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD[1:]]
-    assert "left out: 1 lines" in found.remarks[0]
+    assert "left out: 1 line" in found.remarks[0]
 
 
 @pytest.mark.parametrize("form", ["candump -L", ".asc", ".trc 1.1", "SavvyCAN", "BUSMASTER"])
@@ -127,7 +127,7 @@ def test_a_line_at_fault_costs_itself(tmp_path, form):
     found = read_trace(file)
     assert len(found.frames) == len(HEARD) - 1
     assert len(found.remarks) == 1
-    assert "left out: 1 lines that are no classic frame of" in found.remarks[0]
+    assert "left out: 1 line without a classic frame of" in found.remarks[0]
 
 
 def test_a_terminal_without_times_numbers_the_frames(tmp_path):
@@ -316,7 +316,7 @@ def test_what_python_can_prints_is_read_with_the_kind_of_each_frame(tmp_path):
     (tmp_path / "a.log").write_text("".join(printed))
     found = read_trace(tmp_path / "a.log")
     assert found.remarks == [
-        "a.log: left out: 1 lines that are no classic frame of python-can's print"
+        "a.log: left out: 1 line without a classic frame of python-can's print"
     ]
     for each, known in zip(found.frames, [*HEARD, *more], strict=True):
         assert each.timestamp == known.timestamp
@@ -345,7 +345,7 @@ def test_lines_of_a_serial_adapter(tmp_path, line, found):
     (tmp_path / "a.txt").write_text(f"t0802AABB\rz\r{line}\rZ\r\a\n")
     every, remarks = kinds(tmp_path / "a.txt")
     assert every[1:] == ([found] if found else [])
-    assert ("left out: 1 lines" in "".join(remarks)) is (found is None)
+    assert ("left out: 1 line" in "".join(remarks)) is (found is None)
 
 
 def test_the_clock_of_a_serial_adapter_begins_anew_each_minute(tmp_path):
@@ -416,7 +416,7 @@ def test_bytes_on_a_terminal_may_be_binary_or_swapped(tmp_path, data, shown):
     found = read_trace(tmp_path / "a.log")
     assert [each.data.hex().upper() for each in found.frames] == [data]
     assert found.remarks == [
-        "a.log: left out: 1 lines that are no classic frame of candump on a terminal"
+        "a.log: left out: 1 line without a classic frame of candump on a terminal"
     ]
 
 
@@ -443,7 +443,7 @@ def test_packets_of_can_fd_and_xl_are_left_out(tmp_path):
     (tmp_path / "a.pcap").write_bytes(head)
     found = read_trace(tmp_path / "a.pcap")
     assert len(found.frames) == len(HEARD)
-    assert found.remarks == ["a.pcap: left out: 3 lines that are no classic frame of pcap"]
+    assert found.remarks == ["a.pcap: left out: 3 lines without a classic frame of pcap"]
 
 
 def moved(frames, changes):
@@ -494,7 +494,7 @@ def test_times_that_go_back_again_and_again_do_not_order_the_frames(tmp_path):
 def test_what_is_no_trace_is_named(tmp_path, content, words, name):
     (tmp_path / name).write_bytes(content)
     if name == "a.log" and words.startswith("has no header"):
-        words = "no classic frame of candump -L"
+        words = "without a classic frame of candump -L"
     with pytest.raises(LogError, match=words) as caught:
         read_trace(tmp_path / name)
     assert "\n" not in str(caught.value)
@@ -559,7 +559,7 @@ def test_frames_of_can_fd_are_left_out(tmp_path):
     (tmp_path / "a.asc").write_text(asc()(HEARD) + fd + fd.replace("1 0 8", "0 0 8"))
     found = read_trace(tmp_path / "a.asc")
     assert len(found.frames) == len(HEARD)
-    assert found.remarks == ["a.asc: left out: 2 lines that are no classic frame of Vector's ASC"]
+    assert found.remarks == ["a.asc: left out: 2 lines without a classic frame of Vector's ASC"]
 
 
 def test_the_day_of_pcan_is_kept(tmp_path):
@@ -665,7 +665,7 @@ def test_colours_of_a_terminal_are_no_part_of_a_line(tmp_path):
     [
         (b"", "it is empty"),
         (b"\n\r\n \n", "it has none"),
-        (b"hello\n", "left out: 1 lines that are no classic frame"),
+        (b"hello\n", "left out: 1 line without a classic frame"),
         (b"\x00\x01\xff", "is a binary file"),
     ],
 )
@@ -681,8 +681,8 @@ def test_frames_that_are_no_canopen_are_counted(tmp_path, capsys):
     (tmp_path / "a.log").write_text(text)
     code, shown, _ = called(capsys, "trace", tmp_path / "a.log")
     assert code == 0
-    assert "not decoded: 1 frames with 29-bit identifiers, no CANopen (705h)" in shown
-    assert "not decoded: 1 frames of no known service (7E5h)" in shown
+    assert "not decoded: 1 frame with 29-bit identifiers, no CANopen (705h)" in shown
+    assert "not decoded: 1 frame of no known service (7E5h)" in shown
 
 
 def test_a_broken_measurement_file_is_refused_without_a_traceback(tmp_path, monkeypatch):

@@ -72,7 +72,7 @@ def test_a_broken_line_costs_one_frame(tmp_path):
     file.write_text("\n".join([*lines, "(1.76) can0 0", "", "(1.8) can0 081##10102", ""]))
     found = read_trace(file)
     assert [each.arbitration_id for each in found.frames] == [0x000, 0x185, 0x080]
-    assert found.remarks == ["a.log: left out: 3 lines that are no classic frame of candump -L"]
+    assert found.remarks == ["a.log: left out: 3 lines without a classic frame of candump -L"]
 
 
 @pytest.mark.parametrize("ending", [".asc", ".blf", ".csv", ".log.gz"])

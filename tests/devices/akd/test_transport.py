@@ -275,7 +275,7 @@ def test_lines_that_cannot_be_read_are_counted_once():
     for now[0], bus.unreadable_lines in ((0.0, 3), (5.0, 3), (10.0, 4), (15.0, 4)):
         list(transport.receive())
         told.append([each.detail for each in reports.take()])
-    assert told == [["3 lines cannot be read"], [], ["1 lines cannot be read"], []]
+    assert told == [["3 lines cannot be read"], [], ["1 line cannot be read"], []]
 
 
 class Failing:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
+from twin.base.errors import plural
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.agreement import HeartbeatCount, MotionAgreement
@@ -247,7 +248,7 @@ class Axis:
         if values is None:
             self._short = True
             name = "TPDO1" if service == protocol.TPDO1 else "TPDO2"
-            self._report(c.PDO_SHORT, f"{name} with {len(data)} bytes", at)
+            self._report(c.PDO_SHORT, f"{name} with {plural(len(data), 'byte')}", at)
         elif service == protocol.TPDO1:
             self.status, self.mode, position = values
             self.state = protocol.state(self.status)

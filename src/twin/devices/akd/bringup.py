@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import can
 
+from twin.base.errors import plural
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.axis import difference
@@ -146,7 +147,7 @@ class Remote:
         what, known = f"reading {index:04X}h:{sub}", self._known(index, sub)
         data = self._asked(what, index, sub, protocol.encode_sdo_read(index, sub))
         if len(data) != known.bits // 8:
-            detail = f"{what}: {len(data)} bytes, an AKD has {known.bits // 8}"
+            detail = f"{what}: {plural(len(data), 'byte')}, an AKD has {known.bits // 8}"
             raise self.wrong(detail)
         return known.decode(data)
 

@@ -23,7 +23,7 @@ from can import BusABC, Message
 from can.exceptions import CanOperationError
 from can.interfaces.slcan import slcanBus
 
-from twin.base.errors import nearest, one_line
+from twin.base.errors import nearest, one_line, plural
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.conditions import DriveError
@@ -277,7 +277,7 @@ class CanTransport:
             wait = 0.0
         unreadable = getattr(self._bus, "unreadable_lines", 0)
         if unreadable > self._unreadable:
-            lines = f"{unreadable - self._unreadable} lines cannot be read"
+            lines = f"{plural(unreadable - self._unreadable, 'line')} cannot be read"
             self._reports.report(c.GARBLED, self._where, lines, self._now())
             self._unreadable = unreadable
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from twin.base.errors import plural
 from twin.devices.akd import protocol
 from twin.devices.akd.node_settings import NodeSettings
 from twin.devices.akd.object_dictionaries import ObjectDictionaries
@@ -281,14 +282,14 @@ class Conversation:
         """Facts reported nowhere else: frames that are left out, a file of a different vendor."""
         remarks = []
         if self.echoes:
-            remarks.append(f"left out: {self.echoes} frames that the adapter handed back")
+            remarks.append(f"left out: {plural(self.echoes, 'frame')} that the adapter handed back")
         others = self.strangers - self._long
         kinds = {"with 29-bit identifiers, no CANopen": self._long, "of no known service": others}
         for kind, counts in kinds.items():
             if counts:
                 some = [f"{each:X}h" for each in counts][:3] + ["..."] * (len(counts) > 3)
                 shown = ", ".join(some)
-                remarks.append(f"not decoded: {counts.total()} frames {kind} ({shown})")
+                remarks.append(f"not decoded: {plural(counts.total(), 'frame')} {kind} ({shown})")
         remarks += [
             f"{self.called(node)}: the trace does not show what its PDOs carry: decoded by "
             "the defaults of CiA 402, as if it was a drive"
@@ -425,7 +426,9 @@ class Conversation:
             self.observed.misfits[key].append(at, self._frame)
         if not fits and self._new(stream, len(data)):
             known = f"{sum(bits for _, bits in pdo.entries)} bits are known: not decoded"
-            self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
+            self._say(
+                at, who, "PDO", f"{stream}: {plural(len(data), 'byte')} {data.hex(' ')}, {known}"
+            )
 
     def _unpack(self, at: float, who: str, pdo: Pdo, data: bytes) -> bool:
         """Take in the values of a PDO; False if its length is different."""

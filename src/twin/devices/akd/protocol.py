@@ -16,6 +16,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from twin.base.data_file import read_packaged
+from twin.base.errors import plural
 
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""
@@ -454,7 +455,7 @@ def answers_otherwise(asked: Key, answer: SdoAnswer | None) -> str:
         return f"answered for {index:04X}h:{sub} instead"
     needed = objects()[asked].bits // 8
     if not answer.aborted and len(answer.data) != needed:
-        return f"{len(answer.data)} bytes, an AKD has {needed}"
+        return f"{plural(len(answer.data), 'byte')}, an AKD has {needed}"
     return ""
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
-from twin.base.errors import LogError
+from twin.base.errors import LogError, plural
 from twin.base.shipped import nearest_neighbour
 from twin.base.writing import write_whole
 from twin.devices.akd import TRACE_FILE
@@ -134,8 +134,10 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         frames.extend(read_frames(file, notes))
         remarks += [f"{file.name}: {each}" for each in notes.remarks]
         if notes.left_out:
-            what = f"lines that are no classic frame of {notes.form}"
-            remarks.append(f"{file.name}: left out: {notes.left_out} {what}")
+            lines = plural(notes.left_out, "line")
+            remarks.append(
+                f"{file.name}: left out: {lines} without a classic frame of {notes.form}"
+            )
         timed &= notes.timed
     if not frames:
         empty = not any(file.stat().st_size for file in files)
@@ -148,7 +150,9 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         raise LogError(f"--channel {chosen}: not in {path}; there are {', '.join(counts)}")
     if len(counts) > 1:
         others = ", ".join(f"{name} ({n})" for name, n in counts.items() if name != chosen)
-        remarks.append(f"channel {chosen} is shown ({counts[chosen]} frames); others: {others}")
+        remarks.append(
+            f"channel {chosen} is shown ({plural(counts[chosen], 'frame')}); others: {others}"
+        )
         frames = [each for each in frames if _name(each) == chosen]
     if timed:
         _set_in_order(frames, remarks, alone=len(files) == 1)

@@ -18,6 +18,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.errors import plural
 from twin.devices.lumio import conditions as c
 from twin.devices.lumio.config import (
     PORT_CLASSES,
@@ -568,7 +569,9 @@ class LumioScreen:
             return f"the bytes look like {self.stream.looks_like}: set touch.protocol to that"
         if not self.stream.heard:
             return "nothing heard: put the ball on, check the cable and the port"
-        unknown = f"{self.stream.heard} bytes heard, of no known protocol: check the baud rate"
+        unknown = (
+            f"{plural(self.stream.heard, 'byte')} heard, of no known protocol: check the baud rate"
+        )
         return "" if self.stream.stats.reports else unknown
 
     def _listen(self) -> None:

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from statistics import fmean, median
 
+from twin.base.errors import plural
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.finding import (
     Finding,
     Severity,
     is_explained,
-    plural,
     severity_at_end,
 )
 from twin.devices.akd.observed import BUS, StreamKey

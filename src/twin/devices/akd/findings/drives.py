@@ -7,9 +7,10 @@ from itertools import pairwise
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
+from twin.base.errors import plural
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.findings.finding import Finding, causes_of_error, plural, severity_at_end
+from twin.devices.akd.findings.finding import Finding, causes_of_error, severity_at_end
 from twin.devices.akd.findings.motion import coasting
 from twin.devices.akd.object_names import CONTROL, ERROR_CODE, FAULTS, STATUS, axis_of, key_of_axis
 from twin.devices.akd.observed import BUS, Change

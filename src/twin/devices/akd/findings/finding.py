@@ -10,6 +10,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from twin.base.data_file import read_packaged
+from twin.base.errors import plural
 from twin.devices.akd.observed import BUS
 
 
@@ -133,11 +134,6 @@ def count_words(counts: Mapping[Severity, int]) -> str:
         for severity, count in counts.items()
         if count
     )
-
-
-def plural(count: int, what: str) -> str:
-    """A number of things in words."""
-    return f"{count} {what}" + ("s" if count != 1 else "")
 
 
 SILENCES = ("node-lost", "bus-lost", "boot-up", "trace-gap")

@@ -7,6 +7,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
+from twin.base.errors import plural
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
@@ -16,7 +17,6 @@ from twin.devices.akd.findings.finding import (
     Finding,
     Severity,
     is_explained,
-    plural,
     severity_at_end,
 )
 from twin.devices.akd.observed import BUS, Change, Gap, StreamKey

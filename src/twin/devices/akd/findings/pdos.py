@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from twin.base.errors import plural
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import has_torque
 from twin.devices.akd.findings.finding import (
@@ -14,7 +15,6 @@ from twin.devices.akd.findings.finding import (
     Finding,
     Severity,
     is_explained,
-    plural,
     severity_at_end,
 )
 from twin.devices.akd.findings.network import ANSWER_S, LEAVING, LOST_PAUSES, OBEY_S, was_commanded

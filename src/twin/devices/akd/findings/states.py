@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
+from twin.base.errors import plural
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.drives import FAULTY, Axis, Span, axes, rising
@@ -16,7 +17,6 @@ from twin.devices.akd.findings.finding import (
     Severity,
     causes_of_error,
     is_explained,
-    plural,
     severity_at_end,
 )
 from twin.devices.akd.findings.motion import coasting

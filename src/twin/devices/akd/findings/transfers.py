@@ -6,14 +6,13 @@ from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 
-from twin.base.errors import list_first
+from twin.base.errors import list_first, plural
 from twin.devices.akd import protocol
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings.finding import (
     Finding,
     Severity,
     is_explained,
-    plural,
     severity_at_end,
 )
 from twin.devices.akd.object_names import axis_of

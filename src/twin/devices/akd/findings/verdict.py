@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from twin.base.errors import plural
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings import bus, drives, network, pdos, states, transfers
-from twin.devices.akd.findings.finding import Finding, Severity, count_words, plural
+from twin.devices.akd.findings.finding import Finding, Severity, count_words
 from twin.devices.akd.observed import BUS, Rhythm, StreamKey
 
 Find = Callable[[Conversation, Sequence[Finding]], Iterator[Finding]]

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     import can
 
 
+FIRST_BLF_CHANNEL = 1
+"""The first channel of a .blf file; python-can counts from 0 and takes 1 off when it reads one."""
+
+
 def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
     """Reader of packed files of Vector's tools (.blf)."""
     import can  # noqa: PLC0415  takes 0.2 s
@@ -25,7 +29,7 @@ def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | 
     number = 0
     with can.BLFReader(raw) as reader:
         for number, message in enumerate(reader, 1):  # noqa: B007
-            yield _of_message(message)
+            yield _of_message(message, FIRST_BLF_CHANNEL)
         if file.suffix.lower() != ".gz" and reader.file_size > file.stat().st_size:
             notes.remarks.append(
                 f"cut off, ends after frame {number}"
@@ -64,8 +68,16 @@ def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None
         raise ValueError(problem)
 
 
-def _of_message(message: can.Message) -> TracedFrame | None:
-    """The classic frame that python-can read; None for one of CAN FD."""
+def _of_message(message: can.Message, first_channel: int = 0) -> TracedFrame | None:
+    """The classic frame that python-can read; None for one of CAN FD.
+
+    Args:
+        message: As it was read.
+        first_channel: Number in the file of the channel that python-can calls 0.
+    """
+    channel = message.channel
+    if isinstance(channel, int):
+        channel += first_channel
     if message.is_fd or len(message.data) > message.dlc:
         return None
     return classic_frame(
@@ -76,7 +88,7 @@ def _of_message(message: can.Message) -> TracedFrame | None:
         remote=message.dlc if message.is_remote_frame else None,
         error=message.is_error_frame,
         sent=not message.is_rx,
-        channel=None if message.channel is None else str(message.channel),
+        channel=None if channel is None else str(channel),
     )
 
 

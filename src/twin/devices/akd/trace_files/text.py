@@ -51,7 +51,7 @@ def _asc_status(time: float, channel: str, line: str) -> Iterator[TracedFrame | 
     state = line.rpartition("chip status")[2].lower().replace(" ", "")
     if not state.startswith("erroractive"):
         what = BUS_OFF if state.startswith("busoff") else CONTROLLER
-        yield classic_frame(time, what, b"", error=True, channel=f"{int(channel) - 1}")
+        yield classic_frame(time, what, b"", error=True, channel=f"{int(channel)}")
 
 
 def _asc_identifier(text: str, base: int) -> tuple[int, bool]:
@@ -61,7 +61,7 @@ def _asc_identifier(text: str, base: int) -> tuple[int, bool]:
 
 def _asc_short(time: float, parts: list[str], base: int) -> Iterator[TracedFrame | None]:
     """A line of a classic frame: channel, identifier, direction, d or r, length, data."""
-    channel = f"{int(parts[0]) - 1}"
+    channel = f"{int(parts[0])}"
     if parts[1].lower() == "errorframe":
         yield classic_frame(time, 0, b"", error=True, channel=channel)
     elif len(parts) > 3 and parts[2].lower() in {"rx", "tx"}:
@@ -89,7 +89,7 @@ def _asc_long(time: float, parts: list[str], base: int) -> TracedFrame | None:
     Channel, direction, identifier, a name that may be missing, BRS, ESI, DLC, length, data; then
     the frame's duration, its bits and its flags; bit 12 marks a frame of CAN FD.
     """
-    channel, sent = f"{int(parts[0]) - 1}", parts[1].lower() == "tx"
+    channel, sent = f"{int(parts[0])}", parts[1].lower() == "tx"
     if parts[2].lower() == "errorframe":
         return classic_frame(time, 0, b"", error=True, channel=channel)
     identifier, extended = _asc_identifier(parts[2], base)
