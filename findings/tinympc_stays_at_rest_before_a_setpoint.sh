@@ -11,7 +11,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 python3 -m venv env
-env/bin/pip install --quiet tinympc==0.0.8
+env/bin/pip install --quiet tinympc==0.0.8 scipy==1.11.4 numpy==1.26.4  # compiles for minutes
 env/bin/python - <<'PY' > said.txt
 import numpy as np
 import tinympc
