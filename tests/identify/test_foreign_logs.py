@@ -217,7 +217,7 @@ def test_rows_of_one_time_that_complete_each_other_are_one_row(tmp_path):
     log = read_any(written(tmp_path, text), COLUMNS)
     assert log.axes["x"].ball == pytest.approx(X, abs=1e-6)
     assert log.axes["x"].tilt == pytest.approx(U, abs=1e-6)
-    assert f"{len(T)} rows joined with the one before them" in log.notes[0]
+    assert f"{len(T)} rows joined with the one before, of the same time" in log.notes[0]
     assert f"{len(T)} rows of a time that does not rise left out" in log.notes[1]
 
 
