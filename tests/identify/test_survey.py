@@ -106,6 +106,9 @@ NAMES = {
     "t,Abstand [mm],Stellgröße [deg]": "Abstand - Stellgröße -",
     "t,motor_speed,x,voltage": "x - - -",
     "t,dist,pulse_us": "dist - pulse_us -",
+    "t,StepX,StepY,time_step,X,Y": "X Y StepX StepY",
+    "t,Messung/Kugel,Messung/Servo": "Messung/Kugel - Messung/Servo -",
+    "t,state_estimate.0,state_estimate.1,observation,action,cost.c": "observation - action -",
 }
 
 
@@ -149,3 +152,10 @@ def test_a_text_without_header_has_a_time_and_a_column_that_stands_has_no_role(t
     assert survey(file).command.endswith("--columns time=1:ms,measured_x=NAME:m")
     held = write(tmp_path / "b.csv", "t,x,pos_x,u", T, 0 * X, X, U)
     assert "measured_x=pos_x:m" in survey(held).command
+
+
+def test_two_axes_share_a_unit(tmp_path):
+    header = "t,pos_x,pos_y,cmd_x,cmd_y"
+    file = write(tmp_path / "a.csv", header, T, 100 * X, 2000 * X, 5 * U, 100 * U)
+    asked = "measured_x=pos_x:mm,measured_y=pos_y:mm,command_phi=cmd_x:deg,command_theta=cmd_y:deg"
+    assert survey(file).command.endswith(asked)

@@ -18,11 +18,13 @@ NUMBERINGS = ("0123", "123", "abc", "uv")
 WEAK_NAMES = {frozenset({"r"}): ("measured", 0.4), frozenset({"output"}): ("command", 0.4)}
 """Names that often are something else, with their kind and weight where there is no other."""
 SINGLE_NAMES = {
+    "time": re.compile(r"x_value"),  # of LabVIEW
     "touched": re.compile(r"touch(ed)?|seen|visible|valid|detected"),
     "age": re.compile(r"age|latency"),
 }
 """Kinds that whole names state."""
 
+_KNOWN = frozenset().union(*_WORDS.values(), *WEAK_NAMES)
 _JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed"
 _PARTS = sorted(
     (word for kind in _JOINED_KINDS for word in _WORDS[kind] if len(word) > 2),
@@ -31,6 +33,8 @@ _PARTS = sorted(
 )
 _JOINED = re.compile(rf"([xy]?)((?:{'|'.join(_PARTS)})*|[upc])([xy]?)")
 """Words without a sign between: an axis before or behind, as ``xpos`` and ``servoy``."""
+_LETTERS = {"p": "position", "c": "position"}
+"""Words that a letter next to an axis stands for: ``px`` is a position, ``cx`` a centre."""
 _PART = re.compile("|".join(_PARTS) + "|[upc]")
 
 
@@ -56,8 +60,15 @@ def suggest_kinds(names: Sequence[str]) -> list[Suggestion | None]:
     """What each name suggests, without its unit; None of one that suggests nothing.
 
     Columns that are numbered belong together: ``servo_1`` is along x only next to ``servo_2``, and
-    ``ball_u`` a position in a picture only next to ``ball_v``.
+    ``ball_u`` a position in a picture only next to ``ball_v``. Of a path ``GROUP/NAME`` that
+    suggests nothing the last name counts.
     """
+    whole, last = _suggest_each(names), _suggest_each([name.rpartition("/")[2] for name in names])
+    return [each or other for each, other in zip(whole, last, strict=True)]
+
+
+def _suggest_each(names: Sequence[str]) -> list[Suggestion | None]:
+    """What each name suggests as it stands."""
     split = [_split(name) for name in names]
     axes = dict(_number(split))
     return [
@@ -74,7 +85,8 @@ def _split(name: str) -> tuple[str, ...]:
         joined = _JOINED.fullmatch(word)
         whole = word in _WORDS["ball"] and word != apart
         if joined and joined[2] and not whole:
-            parts = (joined[1], *_PART.findall(joined[2]), joined[3])
+            inner = (_LETTERS.get(part, part) for part in _PART.findall(joined[2]))
+            parts = (joined[1], *inner, joined[3])
             found += filter(None, parts)
         else:
             found.append(word)
@@ -89,7 +101,7 @@ def _number(split: Sequence[tuple[str, ...]]) -> Iterator[tuple[int, tuple[tuple
     """
     groups: dict[tuple[str, ...], dict[str, int]] = {}
     for k, words in enumerate(split):
-        if set(words[:-1]) - _WORDS["neutral"]:
+        if set(words[:-1]) - _WORDS["neutral"] - _WORDS["processed"]:
             groups.setdefault(words[:-1], {})[words[-1]] = k
     for words, members in groups.items():
         for numbering in NUMBERINGS:
@@ -123,7 +135,7 @@ def _suggest(name: str, words: tuple[str, ...], axis: str) -> Suggestion | None:
         return None
     if kind != "measured":
         axis = axis or next((way for word in words for way in "xy" if word in _WORDS[way]), "")
-    weight -= 1.0 * bool(known & _WORDS["processed"])
+    weight -= bool(known & _WORDS["processed"]) + 0.2 * len(known - _KNOWN)
     counts = bool(every & (_WORDS["counts"] | _WORDS["pixels"]))
     return Suggestion(kind, axis, weight, counts)
 
@@ -142,7 +154,7 @@ def _kind(words: set[str], axis: str) -> tuple[str, float]:
             found = "measured", 3.0
     elif sensor or (sensed and (drive or angle)):
         found = "angle", 2.0
-    elif drive or angle:
+    elif (drive or angle) and not words & _WORDS["time"]:
         clear = words & {"cmd", "command", "u"}
         found = "command", 1.5 + 0.5 * bool(drive) + bool(clear)
     elif frozenset(words) in WEAK_NAMES:

@@ -25,6 +25,7 @@ from twin.base.errors import LogError, suggest
 from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_in
 from twin.base.validation import read_tables
+from twin.identify.text_forms import plain_lines
 from twin.run.files import is_record, log_file
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import (
@@ -254,9 +255,6 @@ GRAVITY_SHARES = {"hollow": 3 / 5, "solid": 5 / 7}
 BALL_HEIGHT_RANGE_M = -0.3, 0.5
 """Least and largest height in m of a ball's centre above the plate's axis."""
 SEPARATOR_NAMES = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
-
-
-COMMENT_MARKS = ("#", "%", "//")
 
 
 BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
@@ -778,8 +776,7 @@ def _split_columns(
     Raises:
         LogError: If it is empty, or its header does not fit its rows.
     """
-    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENT_MARKS)]
-    lines = list(filter(str.strip, lines))
+    lines = plain_lines(text)
     if not lines:
         raise LogError(f"{source}: is empty")
     split = _make_splitter(lines, SEPARATOR_NAMES.get(separator or "", separator))
@@ -851,11 +848,41 @@ def _find_header(
         known = {name for names in _name_columns(row) for name in names}
         named = any(each.name.casefold() in known for each in wanted.values())
         if named and not _is_number(row[0]):
-            return row, at + 1
+            return _join_units(row, rows[at + 1 :], at + 1)
     for at, row in enumerate(rows[:50]):
         if sum(_is_number(cell) for cell in row) > len(row) / 2:
-            return rows[at - 1] if at else [], at
+            before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
+            if before and len(before) > 1 and _are_units(before[-1]):
+                return _join_units(before[-2], before[-1:], at)[0], at
+            return before[-1] if before and before[-1] == rows[at - 1] else [], at
     return [], 0
+
+
+def _join_units(header: list[str], rows: list[list[str]], at: int) -> tuple[list[str], int]:
+    """Names with the units that the first of some rows has, and the row at which numbers begin.
+
+    Args:
+        header: The names.
+        rows: All rows behind them.
+        at: The index of the first of these in the text.
+    """
+    if not rows or len(rows[0]) != len(header) or not _are_units(rows[0]):
+        return header, at
+    units = [cell.strip("[]()") for cell in rows[0]]
+    known = [unit if _is_unit(unit) else "" for unit in units]
+    return [with_unit(name, unit) for name, unit in zip(header, known, strict=True)], at + 1
+
+
+def _are_units(row: list[str]) -> bool:
+    """Whether some cells are units, and none a number or a longer word."""
+    units = [cell.strip("[]()") for cell in row]
+    return any(map(_is_unit, units)) and all(
+        len(unit) < 5 and not unit.isdecimal() for unit in units
+    )
+
+
+def _is_unit(unit: str) -> bool:
+    return bool(unit) and any(unit_factor(unit, si) is not None for si in ROLE_UNITS.values())
 
 
 def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:
@@ -884,26 +911,61 @@ def _is_number(cell: str) -> bool:
     return re.fullmatch(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?[.,]?", cell) is not None
 
 
+TIME_OF_DAY = re.compile(
+    r"(?:(?P<days>\d+) days? )?"
+    r"(?:(?P<day>\d{1,2})(?P<sign>[./])(?P<month>\d{1,2})(?P=sign)(?P<year>\d{4}),? )?"
+    r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d+)?)(?: (?P<half>am|pm))?"
+)
+"""A time of day, after a number of days or a date that does not begin with the year."""
+
+
 def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
-    """Numbers of cells, NaN where there is none, and how many are neither number nor blank."""
+    """Numbers of cells, NaN where there is none, and how many are neither number nor blank.
+
+    A comma is a decimal sign, or with a point in the same cell whichever of the two is last.
+    """
     if not isinstance(cells, list):
         return np.where(np.isfinite(cells), cells, np.nan), 0
     values, broken = np.full(len(cells), np.nan), 0
     for k, cell in enumerate(cells):
         word = cell.casefold()
+        if ":" in word:
+            word = re.sub(r",(?=\d)", ".", word)
+        elif "," in word:
+            if word.rfind(".") > word.rfind(","):
+                word = word.replace(",", "")
+            elif "." in word:
+                word = word.replace(".", "")
+            word = word.replace(",", ".")
         try:
-            values[k] = (
-                BOOLEAN_WORDS[word] if word in BOOLEAN_WORDS else float(cell.replace(",", "."))
-            )
+            values[k] = BOOLEAN_WORDS[word] if word in BOOLEAN_WORDS else float(word)
         except ValueError:
-            try:  # a date, or a time of day
-                day = "" if cell[2:3] != ":" else "2000-01-01 "
-                date = datetime.fromisoformat(day + cell.replace(",", "."))
-                values[k] = date.replace(tzinfo=UTC).timestamp()
+            try:
+                values[k] = _parse_time(word)
             except ValueError:
                 broken += word not in BLANK_CELLS
     values[~np.isfinite(values)] = np.nan
     return values, broken
+
+
+def _parse_time(word: str) -> float:
+    """Seconds of a date, a time of day or a number of days and hours.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    found = TIME_OF_DAY.fullmatch(word)
+    if found is None:
+        return datetime.fromisoformat(word.upper()).replace(tzinfo=UTC).timestamp()
+    seconds = 3600.0 * int(found["hours"]) + 60.0 * int(found["minutes"]) + float(found["seconds"])
+    if found["half"]:
+        seconds += 43200.0 * ((found["half"] == "pm") - (int(found["hours"]) == 12))
+    if found["year"]:
+        day, month = int(found["day"]), int(found["month"])
+        if found["sign"] == "/" and day <= 12:  # as in the United States
+            day, month = month, day
+        return datetime(int(found["year"]), month, day, tzinfo=UTC).timestamp() + seconds
+    return 86400.0 * int(found["days"] or 0) + seconds
 
 
 def _clean_log(

@@ -210,11 +210,17 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
     names = [column.name for column in columns]
     stems = [_split_ending(column.name)[0] for column in columns]
     found: dict[str, tuple[float, RoleGuess]] = {}
-    for column, each in zip(columns, suggest_kinds(stems), strict=True):
+    suggested = suggest_kinds(stems)
+    for column, each in zip(columns, suggested, strict=True):
         if each is None or names.count(column.name) > 1 or "," in column.name:
             continue
         role, weight = _role_of(each)
-        guess = _guess(role, column, each)
+        alike = [
+            other.values
+            for other, own in zip(columns, suggested, strict=True)
+            if own and (own.kind, own.weight, own.counts) == (each.kind, each.weight, each.counts)
+        ]
+        guess = _guess(role, column, each, np.concatenate(alike))
         if guess is not None and weight > found.get(role, (0.0,))[0]:
             found[role] = weight, guess
     if "time" not in found and columns[0].clock is None and names[0] == "1":
@@ -267,8 +273,15 @@ def _split_ending(name: str) -> tuple[str, str]:
     return (ending[1], ending[2]) if ending else (name, "")
 
 
-def _guess(role: str, column: SurveyedColumn, each: Suggestion) -> RoleGuess | None:
-    """A column in a role, or None if its unit or its numbers speak against it."""
+def _guess(role: str, column: SurveyedColumn, each: Suggestion, alike: Array) -> RoleGuess | None:
+    """A column in a role, or None if its unit or its numbers speak against it.
+
+    Args:
+        role: One of ``ROLE_UNITS``.
+        column: The column.
+        each: What its name suggests.
+        alike: Numbers of all columns of such names, which share a unit.
+    """
     si = ROLE_UNITS[role]
     if role == "time" and not _rises(column.values):
         return None
@@ -284,7 +297,8 @@ def _guess(role: str, column: SurveyedColumn, each: Suggestion) -> RoleGuess | N
                 return RoleGuess(role, column.name, given, f"name, {why} {unit}")
             counted = RoleGuess(role, column.name, "counts", f"name, {why} {unit}, no angle")
             return counted if si == "rad" and unit not in LENGTH_UNITS else None
-    unit, why = _unit_by_numbers(role, column.values, counts=each.counts)
+    values = column.values if role == "time" else alike
+    unit, why = _unit_by_numbers(role, values, counts=each.counts)
     return RoleGuess(role, column.name, unit, f"name{why}")
 
 
