@@ -56,7 +56,7 @@ def test_a_text_is_read_in_the_form_in_which_it_was_printed(tmp_path, form):
     file.write_text("\r\n".join(lines), encoding="utf-8")
     axis = read_any(file, wanted_columns(columns)).axes["x"]
     at = np.round(axis.sampled / 0.02).astype(int)
-    assert len(at) >= len(T) - 1
+    assert len(at) == len(T)
     assert axis.sampled == pytest.approx(T[at], abs=1e-6)
     assert axis.ball == pytest.approx(1e-3 * X[at], abs=1e-9)
     assert axis.tilt == pytest.approx(np.radians(U[at]), abs=1e-9)
@@ -117,3 +117,26 @@ def test_words_are_no_times():
     values, broken = parse_numbers(["10:61", "31.31.2026 10:00:00", "1:2:3:4", "-"])
     assert np.isnan(values).all()
     assert broken == 3
+
+
+@pytest.mark.parametrize(("coarse", "first"), [(1.0, 0.0), (1.0, 0.37), (0.05, 0.0)])
+def test_rows_that_share_the_stamps_of_a_coarse_clock_are_spread_evenly(tmp_path, coarse, first):
+    stamps = coarse * np.floor((T + first) / coarse + 1e-9)
+    file = tmp_path / "a.csv"
+    lines = [f"{t:.2f},{x},{u}" for t, x, u in zip(stamps, X, U, strict=True)]
+    file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
+    log = read_any(file, wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg"))
+    axis = log.axes["x"]
+    assert len(axis.sampled) == len(T)
+    assert axis.sampled - axis.sampled[0] == pytest.approx(T, abs=0.021)
+    assert any("rows share each stamp" in note for note in log.notes)
+
+
+def test_single_stamps_that_repeat_are_left_out_as_before(tmp_path):
+    stamps = T.copy()
+    stamps[101::50] = stamps[100::50][: len(stamps[101::50])]
+    file = tmp_path / "a.csv"
+    lines = [f"{t:.2f},{x},{u}" for t, x, u in zip(stamps, X, U, strict=True)]
+    file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
+    log = read_any(file, wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg"))
+    assert len(log.axes["x"].sampled) == len(T) - len(stamps[101::50])

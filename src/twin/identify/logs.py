@@ -269,6 +269,9 @@ MAX_COMMAND_GAP_S = 0.5
 """Time in s without a row over which nothing is known of the command."""
 FEW_ODD_ROWS = 0.02
 """Up to this share of rows, a row with a different number of cells counts as damaged."""
+MIN_SHARED_STAMPS, MIN_WHOLE_SHARE = 0.9, 0.95
+"""Share of stamps with more than one row above which a clock is coarse, and the smallest share of
+rows of such a log that have a command."""
 SPEED_WINDOW_S = 0.2
 """Time in s over which a speed is seen."""
 REST_SPEED_M_S = 0.005
@@ -877,12 +880,14 @@ def _are_units(row: list[str]) -> bool:
     """Whether some cells are units, and none a number or a longer word."""
     units = [cell.strip("[]()") for cell in row]
     return any(map(_is_unit, units)) and all(
-        len(unit) < 5 and not unit.isdecimal() for unit in units
+        len(unit) < 5 and not _is_number(unit) for unit in units
     )
 
 
 def _is_unit(unit: str) -> bool:
-    return bool(unit) and any(unit_factor(unit, si) is not None for si in ROLE_UNITS.values())
+    """Whether a cell is a unit; a number alone, which is a factor elsewhere, is none."""
+    named = re.match(r"[^\W\d]|[°%]", unit) is not None
+    return named and any(unit_factor(unit, si) is not None for si in ROLE_UNITS.values())
 
 
 def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:
@@ -1064,6 +1069,7 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
     if len(back):
         notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
+    time = _spread_coarse_stamps(time, columns, notes)
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     joined = _join_rows_of_one_time(time, kept, columns)
     if joined:
@@ -1071,6 +1077,36 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     if (left := int((~kept).sum()) - joined) > 0:
         notes.append(f"{left} rows of a time that does not rise left out")
     return {role: values[kept] for role, values in (columns | {"time": time}).items()}
+
+
+def _spread_coarse_stamps(time: Array, columns: Mapping[str, Array], notes: list[str]) -> Array:
+    """Times of rows that share stamps nearly everywhere, as of a clock in whole seconds, spread.
+
+    The first row of each stamp keeps it, and the others follow evenly. Rows without a command are
+    halves of one row and stay, see ``_join_rows_of_one_time``.
+
+    Args:
+        time: Of the rows, s, shape (K,).
+        columns: Role to values, shape (K,) each.
+        notes: Of the log, to which is added what was done.
+    """
+    tilts = [columns[angle] for angle in columns if angle.endswith(("_phi", "_theta"))]
+    whole = all(np.isfinite(values).mean() > MIN_WHOLE_SHARE for values in tilts)
+    first = np.flatnonzero(np.diff(time, prepend=-np.inf) != 0)
+    counts = np.diff(first)
+    if len(first) < 4 or not whole or np.mean(counts > 1) < MIN_SHARED_STAMPS:
+        return time
+    spread = np.interp(np.arange(len(time)), first, time[first])
+    step = float(np.median(np.diff(time[first]))) / float(np.median(counts))
+    # the first stamp may begin earlier than the log, and the last one ends with it
+    early, late = np.arange(first[1]), np.arange(first[-1], len(time))
+    spread[early] = time[first[1]] - step * (first[1] - early)
+    spread[late] = time[first[-1]] + step * (late - first[-1])
+    notes.append(
+        f"about {np.median(counts):g} rows share each stamp of {np.median(np.diff(time[first])):g} "
+        "s: taken as evenly spread"
+    )
+    return np.asarray(spread)
 
 
 def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -> int:
