@@ -140,3 +140,32 @@ def test_single_stamps_that_repeat_are_left_out_as_before(tmp_path):
     file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
     log = read_any(file, wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg"))
     assert len(log.axes["x"].sampled) == len(T) - len(stamps[101::50])
+
+
+def test_lines_that_lose_letters_are_left_out_and_begin_no_new_clock(tmp_path):
+    """Of a serial line that loses one letter in 300: cells and times are cut, or run together."""
+    rng = np.random.default_rng(4)
+    lines = rows(CELLS)
+    for k in range(5, len(lines) - 5, 9):
+        end = rng.integers(1, len(lines[k]))
+        lines[k] = lines[k][:end] if k % 2 else lines[k][:end] + lines[k]
+    lines[77] = lines[77][2:]  # a time without its first digits
+    file = tmp_path / "a.txt"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    log = read_any(file, wanted_columns(NUMBERED))
+    axis = log.axes["x"]
+    assert 0.85 * len(T) < len(axis.sampled) < 0.97 * len(T)
+    off = np.abs(
+        axis.ball - 1e-3 * np.interp(axis.sampled + 1e-3 * float(lines[0].split(",")[0]), T, X)
+    )
+    assert np.mean(off > 1e-3) < 0.02
+    assert axis.sampled[-1] == pytest.approx(T[-1], abs=0.1)
+    assert not any("begins anew" in note for note in log.notes)
+
+
+def test_rows_that_a_program_pads_at_their_end_are_kept(tmp_path):
+    lines = [line if k % 6 else line.rpartition(",")[0] for k, line in enumerate(rows(CELLS))]
+    file = tmp_path / "a.txt"
+    file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
+    axis = read_any(file, wanted_columns(NAMED)).axes["x"]
+    assert len(axis.sampled) == len(T) - 1  # the first row may be cut

@@ -269,6 +269,8 @@ MAX_COMMAND_GAP_S = 0.5
 """Time in s without a row over which nothing is known of the command."""
 FEW_ODD_ROWS = 0.02
 """Up to this share of rows, a row with a different number of cells counts as damaged."""
+MAX_CUT_ROWS = 0.2
+"""The same of rows with several different numbers of cells, as of a line that loses letters."""
 MIN_SHARED_STAMPS, MIN_WHOLE_SHARE = 0.9, 0.95
 """Share of stamps with more than one row above which a clock is coarse, and the smallest share of
 rows of such a log that have a command."""
@@ -798,7 +800,9 @@ def _split_columns(
             "name for each, or take it out and give numbers of columns"
         )
     odd = counts != usual
-    if odd.sum() > FEW_ODD_ROWS * len(odd):  # then the writing program pads rows like this
+    share = float(odd.sum()) / max(len(odd), 1)
+    several = len(set(counts[odd])) > 1 and share < MAX_CUT_ROWS
+    if share > FEW_ODD_ROWS and not several:  # then the writing program pads rows like this
         odd[1:-1] = False
         odd &= counts < usual
     notes = []
@@ -1063,7 +1067,11 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     """
     there = np.isfinite(columns["time"])
     columns = {role: values[there] for role, values in columns.items()}
-    time = columns["time"] - columns["time"][:1]
+    false = _find_false_times(columns["time"])
+    if false.any():
+        notes.append(f"{int(false.sum())} rows left out whose time is between no others")
+    columns = {role: values[~false] for role, values in columns.items()}
+    time: Array = columns["time"] - columns["time"][:1]
     back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
     for row in back:  # a clock that begins anew: a new part, after a gap
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
@@ -1077,6 +1085,14 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     if (left := int((~kept).sum()) - joined) > 0:
         notes.append(f"{left} rows of a time that does not rise left out")
     return {role: values[kept] for role, values in (columns | {"time": time}).items()}
+
+
+def _find_false_times(time: Array) -> Mask:
+    """Rows whose time is far from that of both neighbours, which follow each other, shape (K,)."""
+    before, here, after = time[:-2], time[1:-1], time[2:]
+    follow = (after > before) & (after - before < MAX_COMMAND_GAP_S)
+    far = (here < before - MAX_COMMAND_GAP_S) | (here > after + MAX_COMMAND_GAP_S)
+    return np.pad(follow & far, 1)[: len(time)]
 
 
 def _spread_coarse_stamps(time: Array, columns: Mapping[str, Array], notes: list[str]) -> Array:
