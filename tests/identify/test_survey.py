@@ -82,3 +82,81 @@ def test_identify_without_columns_shows_the_log_and_exits_with_1(tmp_path):
     done = CliRunner().invoke(identify, [str(file), "--json"], **how)
     assert done.return_value == 1
     assert json.loads(done.stdout)["roles"]["measured_x"]["column"] == "X"
+
+
+NAMES = {
+    "t,ball_u,ball_v,servo_a,servo_b": "ball_u ball_v servo_a servo_b",
+    "t,ball_x,ball_u,ball_y,cmd_x,cmd_y": "ball_x ball_y cmd_x cmd_y",
+    "t,ball_u,cmd": "- - cmd -",
+    "t,x,y,vx,vy,roll,pitch": "x y roll pitch",
+    "t,ref_x,ref_y,meas_x,meas_y,cmd_x,cmd_y": "meas_x meas_y cmd_x cmd_y",
+    "t,ballX,ballY,plateRoll,platePitch": "ballX ballY plateRoll platePitch",
+    "t,servo1,servo2,servo3,x_px,y_px,tilt_x,tilt_y": "x_px y_px tilt_x tilt_y",
+    "t,kugel_x,kugel_y,soll_x,soll_y,winkel_x,winkel_y": "kugel_x kugel_y winkel_x winkel_y",
+    "t,data.0,data.1,data.2,pos.1,pos.2,cmd.1,cmd.2": "pos.1 pos.2 cmd.1 cmd.2",
+    "t,xpos,ypos,servox,servoy": "xpos ypos servox servoy",
+    "t,y1,y2,u1,u2": "y1 y2 u1 u2",
+    "t,px,py,ux,uy": "px py ux uy",
+    # of one axis, whatever it is called
+    "t,r,y,u": "y - u -",
+    "t,r,theta": "r - theta -",
+    "t,x,theta": "x - theta -",
+    "t,setpoint,position,error,output": "position - output -",
+    "t,roll_setpoint,ball_pos": "ball_pos - roll_setpoint -",
+    "t,pos_est,pos_raw,servo_cmd,servo_pos": "pos_raw - servo_cmd -",
+    "t,Abstand [mm],Stellgröße [deg]": "Abstand - Stellgröße -",
+    "t,motor_speed,x,voltage": "x - - -",
+    "t,dist,pulse_us": "dist - pulse_us -",
+    "t,StepX,StepY,time_step,X,Y": "X Y StepX StepY",
+    "t,Messung/Kugel,Messung/Servo": "Messung/Kugel - Messung/Servo -",
+    "t,state_estimate.0,state_estimate.1,observation,action,cost.c": "observation - action -",
+}
+
+
+@pytest.mark.parametrize("header", NAMES)
+def test_roles_follow_the_words_of_the_names(tmp_path, header):
+    names = header.split(",")
+    columns = [T] + [0.1 * np.sin((1 + 0.3 * k) * T + k) for k in range(1, len(names))]
+    found = {
+        guess.role: guess.column
+        for guess in survey(write(tmp_path / "a.csv", header, *columns)).guesses
+    }
+    roles = "measured_x", "measured_y", "command_phi", "command_theta"
+    assert " ".join(found.get(role, "-") for role in roles) == NAMES[header]
+    assert found["time"] == "t"
+
+
+def test_a_measured_angle_is_told_from_a_command(tmp_path):
+    file = write(tmp_path / "a.csv", "t,imu_roll,x,servo", T, U, X, 2 * U)
+    roles = {guess.role: guess.column for guess in survey(file).guesses}
+    assert roles["measured_phi"] == "imu_roll"
+    assert roles["command_phi"] == "servo"
+
+
+def test_units_of_the_rig_are_counts_and_pixels_ask_for_their_size(tmp_path):
+    pixels, pulses = 320 + 6e3 * X, 1500 + 1e3 * U
+    found = survey(write(tmp_path / "a.csv", "t,ball_px_x,pulse_us", T, pixels, pulses))
+    assert found.command.endswith("measured_x=ball_px_x:mm,command_phi=pulse_us:counts")
+    (why,) = (guess.why for guess in found.guesses if guess.role == "measured_x")
+    assert "give the size of one, as 0.5mm" in why
+
+
+def test_a_beam_of_a_metre_is_not_taken_for_centimetres(tmp_path):
+    found = survey(write(tmp_path / "a.csv", "t,x,u", T, 18 * X, U))
+    assert "measured_x=x:m," in found.command
+
+
+def test_a_text_without_header_has_a_time_and_a_column_that_stands_has_no_role(tmp_path):
+    rows = zip(1e3 * T, X, U, strict=True)
+    file = tmp_path / "a.txt"
+    file.write_text("\n".join(",".join(f"{each:.9g}" for each in row) for row in rows))
+    assert survey(file).command.endswith("--columns time=1:ms,measured_x=NAME:m")
+    held = write(tmp_path / "b.csv", "t,x,pos_x,u", T, 0 * X, X, U)
+    assert "measured_x=pos_x:m" in survey(held).command
+
+
+def test_two_axes_share_a_unit(tmp_path):
+    header = "t,pos_x,pos_y,cmd_x,cmd_y"
+    file = write(tmp_path / "a.csv", header, T, 100 * X, 2000 * X, 5 * U, 100 * U)
+    asked = "measured_x=pos_x:mm,measured_y=pos_y:mm,command_phi=cmd_x:deg,command_theta=cmd_y:deg"
+    assert survey(file).command.endswith(asked)

@@ -22,6 +22,9 @@ from twin.run.logs import UNIT_SCALES
 
 MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
 """Distance in m from the middle of its positions that a ball on a plate comes to."""
+MIN_SHARED_STAMPS, MIN_WHOLE_SHARE = 0.9, 0.95
+"""Share of stamps with more than one row above which a clock is coarse, and the smallest share of
+rows of such a log that have a command."""
 SPEED_WINDOW_S = 0.2
 """Time in s over which a speed is seen."""
 REST_SPEED_M_S = 0.005
@@ -251,7 +254,11 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     """
     there = np.isfinite(columns["time"])
     columns = {role: values[there] for role, values in columns.items()}
-    time = columns["time"] - columns["time"][:1]
+    false = _find_false_times(columns["time"])
+    if false.any():
+        notes.append(f"{plural(int(false.sum()), 'row')} left out whose time is between no others")
+    columns = {role: values[~false] for role, values in columns.items()}
+    time: Array = columns["time"] - columns["time"][:1]
     back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
     for row in back:  # a clock that begins anew: a new part, after a gap
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
@@ -259,6 +266,7 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
         notes.append(
             f"the clock begins anew {plural(len(back), 'time')}: taken as parts of their own"
         )
+    time = _spread_coarse_stamps(time, columns, notes)
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     joined = _join_rows_of_one_time(time, kept, columns)
     if joined:
@@ -266,6 +274,44 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     if (left := int((~kept).sum()) - joined) > 0:
         notes.append(f"{plural(left, 'row')} of a time that does not rise left out")
     return {role: values[kept] for role, values in (columns | {"time": time}).items()}
+
+
+def _find_false_times(time: Array) -> Mask:
+    """Rows whose time is far from that of both neighbours, which follow each other, shape (K,)."""
+    before, here, after = time[:-2], time[1:-1], time[2:]
+    follow = (after > before) & (after - before < MAX_COMMAND_GAP_S)
+    far = (here < before - MAX_COMMAND_GAP_S) | (here > after + MAX_COMMAND_GAP_S)
+    return np.pad(follow & far, 1)[: len(time)]
+
+
+def _spread_coarse_stamps(time: Array, columns: Mapping[str, Array], notes: list[str]) -> Array:
+    """Times of rows that share stamps nearly everywhere, as of a clock in whole seconds, spread.
+
+    The first row of each stamp keeps it, and the others follow evenly. Rows without a command are
+    halves of one row and stay, see ``_join_rows_of_one_time``.
+
+    Args:
+        time: Of the rows, s, shape (K,).
+        columns: Role to values, shape (K,) each.
+        notes: Of the log, to which is added what was done.
+    """
+    tilts = [columns[angle] for angle in columns if angle.endswith(("_phi", "_theta"))]
+    whole = all(np.isfinite(values).mean() > MIN_WHOLE_SHARE for values in tilts)
+    first = np.flatnonzero(np.diff(time, prepend=-np.inf) != 0)
+    counts = np.diff(first)
+    if len(first) < 4 or not whole or np.mean(counts > 1) < MIN_SHARED_STAMPS:
+        return time
+    spread = np.interp(np.arange(len(time)), first, time[first])
+    step = float(np.median(np.diff(time[first]))) / float(np.median(counts))
+    # the first stamp may begin earlier than the log, and the last one ends with it
+    early, late = np.arange(first[1]), np.arange(first[-1], len(time))
+    spread[early] = time[first[1]] - step * (first[1] - early)
+    spread[late] = time[first[-1]] + step * (late - first[-1])
+    notes.append(
+        f"about {np.median(counts):g} rows share each stamp of {np.median(np.diff(time[first])):g} "
+        "s: taken as evenly spread"
+    )
+    return np.asarray(spread)
 
 
 def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -> int:

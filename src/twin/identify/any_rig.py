@@ -22,6 +22,7 @@ from twin.identify.end_stops import describe_stops, find_end_stops
 from twin.identify.fallback import assess_plainly
 from twin.identify.first_look import FirstLook, look_first
 from twin.identify.least_squares import Estimate
+from twin.identify.offsets import take_out_offsets, tell_level_at_zero
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter, plain_parameter
 from twin.identify.plain_model import (
     AXIS_FITTING,
@@ -235,6 +236,7 @@ def identify_axes(
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
+    logs, held, offsets = take_out_offsets(logs, held)
     first = logs[0]
 
     def part_and_join() -> tuple[list[dict[str, AxisLog]], dict[str, AxisLog]]:
@@ -279,7 +281,8 @@ def identify_axes(
     fits, found, reasons, remarks_on_fits = _fit_axes(
         joined, first.unit, looks, usual, names, selection, progress
     )
-    notes += remarks_on_fits
+    found, about_offsets = tell_level_at_zero(found, offsets, first.unit)
+    notes += remarks_on_fits + about_offsets
     if not fits and not any(each.value is not None for each in found):
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]

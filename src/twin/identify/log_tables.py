@@ -13,21 +13,22 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError, plural, suggest
 from twin.base.foreign import decode_text
-from twin.identify.log_columns import ColumnWanted
+from twin.identify.log_columns import ROLE_UNITS, ColumnWanted, unit_factor
+from twin.identify.text_forms import plain_lines
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import NEEDED_COLUMNS, SECOND_AXIS_COLUMNS, split_unit
 from twin.run.readers import ForeignTable
 
 SEPARATOR_NAMES = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
 """Names of separators that a command line may give instead of the sign."""
-COMMENT_MARKS = ("#", "%", "//")
-"""Beginnings of lines that are no rows."""
 BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
 """Cells without a number, in small letters."""
 BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 """Words that stand for a number, in small letters."""
 FEW_ODD_ROWS = 0.02
 """Up to this share of rows, a row with a different number of cells counts as damaged."""
+MAX_CUT_ROWS = 0.2
+"""The same of rows with several different numbers of cells, as of a line that loses letters."""
 
 
 def open_content(path: Path) -> ForeignTable | str:
@@ -117,26 +118,61 @@ def find_column(source: str, header: list[str], role: str, column: ColumnWanted)
     raise LogError(f"{source}: {role}: no column {column.name}{meant} (it has {has})")
 
 
+TIME_OF_DAY = re.compile(
+    r"(?:(?P<days>\d+) days? )?"
+    r"(?:(?P<day>\d{1,2})(?P<sign>[./])(?P<month>\d{1,2})(?P=sign)(?P<year>\d{4}),? )?"
+    r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d+)?)(?: (?P<half>am|pm))?"
+)
+"""A time of day, after a number of days or a date that does not begin with the year."""
+
+
 def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
-    """Numbers of cells, NaN where there is none, and how many are neither number nor blank."""
+    """Numbers of cells, NaN where there is none, and how many are neither number nor blank.
+
+    A comma is a decimal sign, or with a point in the same cell whichever of the two is last.
+    """
     if not isinstance(cells, list):
         return np.where(np.isfinite(cells), cells, np.nan), 0
     values, broken = np.full(len(cells), np.nan), 0
     for k, cell in enumerate(cells):
         word = cell.casefold()
+        if ":" in word:
+            word = re.sub(r",(?=\d)", ".", word)
+        elif "," in word:
+            if word.rfind(".") > word.rfind(","):
+                word = word.replace(",", "")
+            elif "." in word:
+                word = word.replace(".", "")
+            word = word.replace(",", ".")
         try:
-            values[k] = (
-                BOOLEAN_WORDS[word] if word in BOOLEAN_WORDS else float(cell.replace(",", "."))
-            )
+            values[k] = BOOLEAN_WORDS[word] if word in BOOLEAN_WORDS else float(word)
         except ValueError:
-            try:  # a date, or a time of day
-                day = "" if cell[2:3] != ":" else "2000-01-01 "
-                date = datetime.fromisoformat(day + cell.replace(",", "."))
-                values[k] = date.replace(tzinfo=UTC).timestamp()
+            try:
+                values[k] = _parse_time(word)
             except ValueError:
                 broken += word not in BLANK_CELLS
     values[~np.isfinite(values)] = np.nan
     return values, broken
+
+
+def _parse_time(word: str) -> float:
+    """Seconds of a date, a time of day or a number of days and hours.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    found = TIME_OF_DAY.fullmatch(word)
+    if found is None:
+        return datetime.fromisoformat(word.upper()).replace(tzinfo=UTC).timestamp()
+    seconds = 3600.0 * int(found["hours"]) + 60.0 * int(found["minutes"]) + float(found["seconds"])
+    if found["half"]:
+        seconds += 43200.0 * ((found["half"] == "pm") - (int(found["hours"]) == 12))
+    if found["year"]:
+        day, month = int(found["day"]), int(found["month"])
+        if found["sign"] == "/" and day <= 12:  # as in the United States
+            day, month = month, day
+        return datetime(int(found["year"]), month, day, tzinfo=UTC).timestamp() + seconds
+    return 86400.0 * int(found["days"] or 0) + seconds
 
 
 def _with_unit(name: str, unit: str | None) -> str:
@@ -164,8 +200,7 @@ def _split_columns(
     Raises:
         LogError: If it is empty, or its header does not fit its rows.
     """
-    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENT_MARKS)]
-    lines = list(filter(str.strip, lines))
+    lines = plain_lines(text)
     if not lines:
         raise LogError(f"{source}: is empty")
     split = _make_splitter(lines, SEPARATOR_NAMES.get(separator or "", separator))
@@ -184,7 +219,9 @@ def _split_columns(
             "the header a name for each, or take it out and give numbers of columns"
         )
     odd = counts != usual
-    if odd.sum() > FEW_ODD_ROWS * len(odd):  # then the writing program pads rows like this
+    share = float(odd.sum()) / max(len(odd), 1)
+    several = len(set(counts[odd])) > 1 and share < MAX_CUT_ROWS
+    if share > FEW_ODD_ROWS and not several:  # then the writing program pads rows like this
         odd[1:-1] = False
         odd &= counts < usual
     notes = []
@@ -237,11 +274,43 @@ def _find_header(
         known = {name for names in _name_columns(row) for name in names}
         named = any(each.name.casefold() in known for each in wanted.values())
         if named and not _is_number(row[0]):
-            return row, at + 1
+            return _join_units(row, rows[at + 1 :], at + 1)
     for at, row in enumerate(rows[:50]):
         if sum(_is_number(cell) for cell in row) > len(row) / 2:
-            return rows[at - 1] if at else [], at
+            before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
+            if before and len(before) > 1 and _are_units(before[-1]):
+                return _join_units(before[-2], before[-1:], at)[0], at
+            return before[-1] if before and before[-1] == rows[at - 1] else [], at
     return [], 0
+
+
+def _join_units(header: list[str], rows: list[list[str]], at: int) -> tuple[list[str], int]:
+    """Names with the units that the first of some rows has, and the row at which numbers begin.
+
+    Args:
+        header: The names.
+        rows: All rows behind them.
+        at: The index of the first of these in the text.
+    """
+    if not rows or len(rows[0]) != len(header) or not _are_units(rows[0]):
+        return header, at
+    units = [cell.strip("[]()") for cell in rows[0]]
+    known = [unit if _is_unit(unit) else "" for unit in units]
+    return [_with_unit(name, unit) for name, unit in zip(header, known, strict=True)], at + 1
+
+
+def _are_units(row: list[str]) -> bool:
+    """Whether some cells are units, and none a number or a longer word."""
+    units = [cell.strip("[]()") for cell in row]
+    return any(map(_is_unit, units)) and all(
+        len(unit) < 5 and not _is_number(unit) for unit in units
+    )
+
+
+def _is_unit(unit: str) -> bool:
+    """Whether a cell is a unit; a number alone, which is a factor elsewhere, is none."""
+    named = re.match(r"[^\W\d]|[°%]", unit) is not None
+    return named and any(unit_factor(unit, si) is not None for si in ROLE_UNITS.values())
 
 
 def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,43 +13,24 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import LogError, plural
-from twin.identify.log_columns import ROLE_UNITS, unit_factor
+from twin.identify.column_names import Suggestion, suggest_kinds
+from twin.identify.log_columns import AXIS_COLUMNS, ROLE_UNITS, unit_factor
 from twin.identify.log_tables import open_content, parse_numbers, split_content
-from twin.run.logs import split_unit
+from twin.run.logs import UNIT_SCALES, split_unit
 from twin.run.readers import ForeignTable
 
-ROLE_NAMES = (
-    ("time", r"t|time|times?|timestamp|stamp|millis|micros|clock|zeit|.*[_./ ](time|timestamp|t)"),
-    (
-        "measured_x",
-        r"x|px|x_?pos|pos_?x|(.*[_./ ])?(ball|pos|position|measured|cam|camera)[_./ ]?x",
-    ),
-    (
-        "measured_y",
-        r"y|py|y_?pos|pos_?y|(.*[_./ ])?(ball|pos|position|measured|cam|camera)[_./ ]?y",
-    ),
-    ("measured_phi", r"(.*[_./ ])?(measured|imu|encoder)[_./ ]?(phi|roll|angle_?x)"),
-    ("measured_theta", r"(.*[_./ ])?(measured|imu|encoder)[_./ ]?(theta|pitch|angle_?y)"),
-    (
-        "command_phi",
-        r"(.*[_./ ])?(phi|roll|ux|u_?1?|(servo|cmd|command|motor|tilt|angle)[_./ ]?[1xa]?)",
-    ),
-    (
-        "command_theta",
-        r"(.*[_./ ])?(theta|pitch|uy|u_?2|(servo|cmd|command|motor|tilt|angle)[_./ ]?[2yb])",
-    ),
-    ("touched", r"touch(ed)?|seen|visible|valid|detected"),
-    ("age", r"age|latency"),
-)
-"""Role and the names that suggest it, in small letters and without units."""
 NAME_UNITS = {"millis": "ms", "micros": "us"}
 """Names that state the unit of their numbers."""
-UNIT_ENDING = re.compile(r"(.+)[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg)")
+UNIT_ENDING = re.compile(r"(?i)(.+)[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg)")
 """A name that ends in its unit, as ``x_mm``."""
 TIME_STEPS = (("s", 1e-5, 0.5), ("ms", 0.5, 500.0), ("us", 500.0, 5e5), ("ns", 5e5, 5e8))
 """Unit of a time, and from and to which step of its numbers it is assumed."""
-MAX_POSITIONS = (("m", 0.5), ("cm", 30.0), ("mm", 500.0))
+MAX_POSITIONS = (("m", 1.2), ("cm", 30.0), ("mm", 500.0))
 """Unit of a position, and up to which largest number it is assumed."""
+LENGTH_UNITS = frozenset(UNIT_SCALES["m"])
+"""Units that no command has."""
+WEAK_WEIGHT = 0.5
+"""Weight of a suggestion below which it gives way to any other position."""
 MIN_RISING_SHARE = 0.95
 """Share of rows in which a time has to rise."""
 GAP_STEPS = 3.0
@@ -215,49 +196,120 @@ def _describe_times(name: str, time: Array) -> list[str]:
     return [f"{name}: {', '.join(remarks)}"]
 
 
-def _guess_roles(columns: list[SurveyedColumn]) -> Iterator[RoleGuess]:
-    """The first column of each role with a name and numbers that suggest it."""
-    taken: set[str] = set()
+def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
+    """The column of each role whose name suggests it most clearly and whose numbers agree.
+
+    A log with one position and one command is of one axis, whatever their names are.
+    """
     names = [column.name for column in columns]
-    for role, pattern in ROLE_NAMES:
-        for column in columns:
-            if column.name in taken or names.count(column.name) > 1 or "," in column.name:
-                continue
-            guess = _guess(role, pattern, column)
-            if guess is not None:
-                taken.add(column.name)
-                yield guess
-                break
+    stems = [_split_ending(column.name)[0] for column in columns]
+    found: dict[str, tuple[float, RoleGuess]] = {}
+    suggested = suggest_kinds(stems)
+    for column, each in zip(columns, suggested, strict=True):
+        if each is None or names.count(column.name) > 1 or "," in column.name:
+            continue
+        role, weight = _role_of(each)
+        alike = [
+            other.values
+            for other, own in zip(columns, suggested, strict=True)
+            if own and (own.kind, own.weight, own.counts) == (each.kind, each.weight, each.counts)
+        ]
+        guess = _guess(role, column, each, np.concatenate(alike))
+        if guess is not None and weight > found.get(role, (0.0,))[0]:
+            found[role] = weight, guess
+    if "time" not in found and columns[0].clock is None and names[0] == "1":
+        first = columns[0]
+        if _rises(first.values, strictly=True):
+            unit, why = _unit_by_numbers("time", first.values)
+            found["time"] = 1.0, RoleGuess("time", first.name, unit, f"rises{why}")
+    if all(column.clock is not None for column in columns):
+        found.pop("time", None)
+    return [guess for _, guess in _sort_roles(_on_one_axis(found))]
 
 
-def _guess(role: str, pattern: str, column: SurveyedColumn) -> RoleGuess | None:
-    """A column in a role, or None if its name or its numbers speak against it."""
-    bare = column.name.casefold().strip("/")
-    ending = UNIT_ENDING.fullmatch(bare)
-    stem = ending[1] if ending else bare
-    if re.fullmatch(pattern, stem) is None:
-        return None
+def _role_of(each: Suggestion) -> tuple[str, float]:
+    """The role of a column, and how clear it is; a column without an axis is along x."""
+    if each.kind not in {"measured", "command", "angle"}:
+        return each.kind, each.weight
+    along = each.axis or "x"
+    ball, angle = AXIS_COLUMNS[along]
+    names = {"measured": ball, "command": f"command_{angle}", "angle": f"measured_{angle}"}
+    return names[each.kind], each.weight - 0.3 * (not each.axis)
+
+
+def _on_one_axis(found: dict[str, tuple[float, RoleGuess]]) -> dict[str, tuple[float, RoleGuess]]:
+    """The roles, those of a single position and its command moved to x where they have two axes."""
+    if "measured_y" in found and 0 < found.get("measured_x", (0.0,))[0] < WEAK_WEIGHT:
+        del found["measured_x"]
+    places = [ball for ball, _ in AXIS_COLUMNS.values() if ball in found]
+    if len(places) != 1:
+        return found
+    at = next(axis for axis, (ball, _) in AXIS_COLUMNS.items() if ball == places[0])
+    angle = AXIS_COLUMNS[at][1]
+    if {f"command_{angle}", f"measured_{angle}"} & found.keys():
+        return found
+    (other,) = (own for axis, (_, own) in AXIS_COLUMNS.items() if axis != at)
+    moved = {places[0]: "measured_x", f"command_{other}": "command_phi"}
+    moved[f"measured_{other}"] = "measured_phi"
+    if not {f"command_{other}", f"measured_{other}"} & found.keys():
+        return found
+    new = {moved.get(role, role): each for role, each in found.items()}
+    return {role: (w, replace(guess, role=role)) for role, (w, guess) in new.items()}
+
+
+def _sort_roles(found: dict[str, tuple[float, RoleGuess]]) -> list[tuple[float, RoleGuess]]:
+    return [found[role] for role in ROLE_UNITS if role in found]
+
+
+def _split_ending(name: str) -> tuple[str, str]:
+    """A name without the unit in which it ends, and the unit; empty without one."""
+    ending = UNIT_ENDING.fullmatch(name)
+    return (ending[1], ending[2]) if ending else (name, "")
+
+
+def _guess(role: str, column: SurveyedColumn, each: Suggestion, alike: Array) -> RoleGuess | None:
+    """A column in a role, or None if its unit or its numbers speak against it.
+
+    Args:
+        role: One of ``ROLE_UNITS``.
+        column: The column.
+        each: What its name suggests.
+        alike: Numbers of all columns of such names, which share a unit.
+    """
     si = ROLE_UNITS[role]
     if role == "time" and not _rises(column.values):
         return None
-    if column.unit:
-        known = unit_factor(column.unit, si) is not None
-        return RoleGuess(role, column.name, "", f"name, unit {column.unit}") if known else None
-    unit = NAME_UNITS.get(stem, ending[2] if ending else "")
-    if unit:
-        known = unit_factor(unit, si) is not None
-        return RoleGuess(role, column.name, unit, f"name, which states {unit}") if known else None
-    unit, why = _unit_by_numbers(role, column.values)
+    if each.kind in {"measured", "command", "angle"} and np.nanmax(column.values) == np.nanmin(
+        column.values
+    ):
+        return None
+    stem, ending = _split_ending(column.name)
+    named = NAME_UNITS.get(stem.casefold(), ending.casefold())
+    for unit, given, why in ((column.unit, "", "unit"), (named, named, "which states")):
+        if unit:
+            if unit_factor(unit, si) is not None:
+                return RoleGuess(role, column.name, given, f"name, {why} {unit}")
+            counted = RoleGuess(role, column.name, "counts", f"name, {why} {unit}, no angle")
+            return counted if si == "rad" and unit not in LENGTH_UNITS else None
+    values = column.values if role == "time" else alike
+    unit, why = _unit_by_numbers(role, values, counts=each.counts)
     return RoleGuess(role, column.name, unit, f"name{why}")
 
 
-def _rises(time: Array) -> bool:
+def _rises(time: Array, *, strictly: bool = False) -> bool:
     steps = np.diff(time[np.isfinite(time)])
-    return len(steps) > 0 and float(np.mean(steps >= 0)) >= MIN_RISING_SHARE
+    rising = steps > 0 if strictly else steps >= 0
+    return len(steps) > 0 and float(np.mean(rising)) >= MIN_RISING_SHARE
 
 
-def _unit_by_numbers(role: str, values: Array) -> tuple[str, str]:
-    """A unit by the size of the numbers, and the reason; empty if any would do."""
+def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple[str, str]:
+    """A unit by the size of the numbers, and the reason; empty if any would do.
+
+    Args:
+        role: One of ``ROLE_UNITS``.
+        values: The numbers.
+        counts: Whether the name states a unit of the rig's own, as pixels.
+    """
     known = values[np.isfinite(values)]
     if role == "time":
         steps = np.diff(known)
@@ -267,9 +319,11 @@ def _unit_by_numbers(role: str, values: Array) -> tuple[str, str]:
     if role.startswith("measured_") and ROLE_UNITS[role] == "m":
         reach = float(np.percentile(np.abs(known), 99))
         unit = next((unit for unit, most in MAX_POSITIONS if reach <= most), "mm")
+        if counts or reach > MAX_POSITIONS[-1][1]:
+            return "mm", f"; reaches {reach:.3g}, taken as mm; give the size of one, as 0.5mm"
         return unit, f"; reaches {reach:.3g}, as in {unit}"
     if ROLE_UNITS[role] == "rad":
         reach = float(np.percentile(np.abs(known - np.median(known)), 99))
-        unit = "rad" if reach < 1.0 else "deg" if reach < 60.0 else "counts"
+        unit = "counts" if counts else "rad" if reach < 1.0 else "deg" if reach < 60.0 else "counts"
         return unit, f"; moves by {reach:.3g}, as in {unit}"
     return "", ""

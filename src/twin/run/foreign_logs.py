@@ -12,6 +12,7 @@ from pathlib import Path
 from twin.base.errors import LogError, TwinError, one_line
 from twin.base.foreign import kind_of, with_article
 from twin.run.bags import read_bag, read_mcap
+from twin.run.json_logs import read_json
 from twin.run.readers import (
     ForeignTable,
     read_arrow,
@@ -24,12 +25,11 @@ from twin.run.readers import (
     read_tdms,
 )
 
-_IN_PYTHON = "in Python: "
+_PICKLE_ADVICE = "in Python: write its data with pandas.DataFrame(...).to_csv('log.csv')"
 _UNPACK_ADVICE = "unpack it first"
 _SAVE_ADVICE = "save the sheet as CSV"
 CONVERSIONS_BY_KIND = {
-    "JSON file": f"{_IN_PYTHON}pandas.read_json('{{name}}').to_csv('log.csv', index=False)",
-    "Python pickle": f"{_IN_PYTHON}write its data with pandas.DataFrame(...).to_csv('log.csv')",
+    "Python pickle": _PICKLE_ADVICE,
     "text file of Octave": "in Octave: load {name}; csvwrite('log.csv', [t x u]) with its names",
     "Excel file (.xls)": _SAVE_ADVICE,
     "OpenDocument file (.ods)": _SAVE_ADVICE,
@@ -110,9 +110,11 @@ READERS_BY_KIND: dict[str, Callable[[Path], ForeignTable]] = {
     "Excel file (.xlsx)": read_excel,
     "LabVIEW file (.tdms)": read_tdms,
     "measurement file (.mf4)": read_mdf,
+    "JSON file": read_json,
 }
 """Kind of a file to what reads it."""
 READABLE_SUFFIXES = (
     *(".parquet", ".npz", ".npy", ".mat", ".mcap", ".db3", ".xlsx", ".tdms", ".mf4", ".h5"),
+    ".json",
 )
 """Usual endings of these kinds."""

@@ -1,0 +1,164 @@
+"""Reads what the name of a column suggests: the time, the ball, a command or an angle, its axis."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.base.data_file import read_toml
+
+_WORDS = {
+    kind: frozenset(words) for kind, words in read_toml(Path(__file__).with_suffix(".toml")).items()
+}
+"""Kind of words to the words in small letters, see the file."""
+NUMBERINGS = ("0123", "123", "abc", "uv")
+"""Letters and digits that number columns: the first is along x, the second along y."""
+WEAK_NAMES = {frozenset({"r"}): ("measured", 0.4), frozenset({"output"}): ("command", 0.4)}
+"""Names that often are something else, with their kind and weight where there is no other."""
+SINGLE_NAMES = {
+    "time": re.compile(r"x_value"),  # of LabVIEW
+    "touched": re.compile(r"touch(ed)?|seen|visible|valid|detected"),
+    "age": re.compile(r"age|latency"),
+}
+"""Kinds that whole names state."""
+
+_KNOWN = frozenset().union(*_WORDS.values(), *WEAK_NAMES)
+_JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed"
+_PARTS = sorted(
+    (word for kind in _JOINED_KINDS for word in _WORDS[kind] if len(word) > 2),
+    key=len,
+    reverse=True,
+)
+_JOINED = re.compile(rf"([xy]?)((?:{'|'.join(_PARTS)})*|[upc])([xy]?)")
+"""Words without a sign between: an axis before or behind, as ``xpos`` and ``servoy``."""
+_LETTERS = {"p": "position", "c": "position"}
+"""Words that a letter next to an axis stands for: ``px`` is a position, ``cx`` a centre."""
+_PART = re.compile("|".join(_PARTS) + "|[upc]")
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What the name of a column suggests.
+
+    Attributes:
+        kind: ``time``, ``measured`` of the ball, ``command``, ``angle`` of a measured one,
+            ``touched`` or ``age``.
+        axis: ``x`` or ``y``; empty if the name states none.
+        weight: The larger, the clearer.
+        counts: Whether the numbers are in a unit of the rig's own.
+    """
+
+    kind: str
+    axis: str
+    weight: float
+    counts: bool
+
+
+def suggest_kinds(names: Sequence[str]) -> list[Suggestion | None]:
+    """What each name suggests, without its unit; None of one that suggests nothing.
+
+    Columns that are numbered belong together: ``servo_1`` is along x only next to ``servo_2``, and
+    ``ball_u`` a position in a picture only next to ``ball_v``. Of a path ``GROUP/NAME`` that
+    suggests nothing the last name counts.
+    """
+    whole, last = _suggest_each(names), _suggest_each([name.rpartition("/")[2] for name in names])
+    return [each or other for each, other in zip(whole, last, strict=True)]
+
+
+def _suggest_each(names: Sequence[str]) -> list[Suggestion | None]:
+    """What each name suggests as it stands."""
+    split = [_split(name) for name in names]
+    axes = dict(_number(split))
+    return [
+        _suggest(name.casefold(), *axes.get(k, (words, "")))
+        for k, (name, words) in enumerate(zip(names, split, strict=True))
+    ]
+
+
+def _split(name: str) -> tuple[str, ...]:
+    """The words of a name in small letters, its axis and its number apart."""
+    apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", name).casefold()
+    found: list[str] = []
+    for word in re.findall(r"[^\W\d_]+|\d+", apart):
+        joined = _JOINED.fullmatch(word)
+        whole = word in _WORDS["ball"] and word != apart
+        if joined and joined[2] and not whole:
+            inner = (_LETTERS.get(part, part) for part in _PART.findall(joined[2]))
+            parts = (joined[1], *inner, joined[3])
+            found += filter(None, parts)
+        else:
+            found.append(word)
+    return tuple(found)
+
+
+def _number(split: Sequence[tuple[str, ...]]) -> Iterator[tuple[int, tuple[tuple[str, ...], str]]]:
+    """Columns that are numbered: index, the words without the number, and the axis.
+
+    The axis of the third of three positions is ``z``, and that of each of the drives of three legs,
+    none of which tilts the plate along one axis.
+    """
+    groups: dict[tuple[str, ...], dict[str, int]] = {}
+    for k, words in enumerate(split):
+        if set(words[:-1]) - _WORDS["neutral"] - _WORDS["processed"]:
+            groups.setdefault(words[:-1], {})[words[-1]] = k
+    for words, members in groups.items():
+        for numbering in NUMBERINGS:
+            found = [members[each] for each in numbering if each in members]
+            if len(found) < 2 or numbering[0] not in members:
+                continue
+            axes = "zzz" if len(found) > 2 and _WORDS["drive"] & set(words) else "xyz"
+            if words == ("y",):  # y1 and y2 are outputs, x1 and x2 states
+                yield from ((k, ((), axis)) for axis, k in zip(axes, found, strict=False))
+            elif not {"x", "y"} & set(words):
+                yield from ((k, (words, axis)) for axis, k in zip(axes, found, strict=False))
+            break
+
+
+def _suggest(name: str, words: tuple[str, ...], axis: str) -> Suggestion | None:
+    """What a name suggests by its words, its axis known from its number or empty."""
+    for kind, pattern in SINGLE_NAMES.items():
+        if pattern.fullmatch(name):
+            return Suggestion(kind, "", 1.0, counts=False)
+    if axis == "z":
+        return None
+    every = set(words)
+    if every & _WORDS["time"] and words[-1] in _WORDS["time"]:
+        named = every & (_WORDS["derived"] | _WORDS["drive"])
+        return None if named else Suggestion("time", "", 2.0 - 0.1 * len(words), counts=False)
+    stated = every & {"x", "y"}
+    axis = axis or ("".join(stated) if len(stated) == 1 else "")
+    known = {word for word in every - _WORDS["neutral"] - stated if not word.isdigit()}
+    kind, weight = _kind(known, axis)
+    if not kind:
+        return None
+    if kind != "measured":
+        axis = axis or next((way for word in words for way in "xy" if word in _WORDS[way]), "")
+    weight -= bool(known & _WORDS["processed"]) + 0.2 * len(known - _KNOWN)
+    counts = bool(every & (_WORDS["counts"] | _WORDS["pixels"]))
+    return Suggestion(kind, axis, weight, counts)
+
+
+def _kind(words: set[str], axis: str) -> tuple[str, float]:
+    """Kind and weight of a column by its words without axis and number; empty without any."""
+    drive, angle = words & _WORDS["drive"], words & _WORDS["angle"]
+    sensor = words & _WORDS["angle_sensor"]
+    sensed = sensor or words & _WORDS["measured"]
+    wish, place = words & _WORDS["reference"], words & _WORDS["position"]
+    found = "", 0.0
+    if words & _WORDS["derived"]:
+        pass
+    elif words & _WORDS["ball"]:
+        if not drive and not wish and (axis or place or words in ({"ball"}, {"kugel"})):
+            found = "measured", 3.0
+    elif sensor or (sensed and (drive or angle)):
+        found = "angle", 2.0
+    elif (drive or angle) and not words & _WORDS["time"]:
+        clear = words & {"cmd", "command", "u"}
+        found = "command", 1.5 + 0.5 * bool(drive) + bool(clear)
+    elif frozenset(words) in WEAK_NAMES:
+        found = WEAK_NAMES[frozenset(words)]
+    elif not wish and (place or (axis and words <= _WORDS["measured"] | _WORDS["processed"])):
+        found = "measured", 2.0 + 0.5 * bool(sensed)
+    return found
