@@ -228,7 +228,7 @@ def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
         "ballplate.running.open_rig", lambda _, its, *__, **___: nullcontext((None, its))
     )
     short = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
-    for on, names in (("my.toml", ["one", "one~2"]), (None, ["one", "one"])):
+    for on, names in (("emulated", ["one", "one~2"]), (None, ["one", "one"])):
         made = [bp.run("hold", on=on, out=tmp_path / str(on) / "one", **short) for _ in names]
         assert [each.folder.name for each in made] == names
 
