@@ -167,6 +167,7 @@ class PredictionFit:
         max_predictions: Largest number of predictions by which fits are compared.
         continued_guesses: Number of the best first guesses that are continued.
         max_evaluations: Largest number of evaluations from each.
+        cost_tolerance: Relative decrease of the cost by a step below which a fit ends.
     """
 
     level_history_s: float = 2.4
@@ -181,6 +182,7 @@ class PredictionFit:
     max_predictions: int = 150
     continued_guesses: int = 2
     max_evaluations: int = 40
+    cost_tolerance: float = AXIS_STEP_CONTROL.cost_tolerance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -1046,12 +1048,15 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
     return found
 
 
-def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
+def fit_to_predictions(
+    fit: AxisFit, look: FirstLook | None = None, known: Array | None = None
+) -> Array:
     """Parameters fitted to predictions of the log, the best from several first guesses, (1, P).
 
     Args:
         fit: A fit to windows of the log.
         look: A first look at it, which is a guess as well.
+        known: A guess that is near the fit, shape (1, P), so that no other is needed.
     """
     how, hold_out = fit.how.prediction, fit.how.hold_out
     at = _thin_prediction_times(fit.log, fit.how, hold_out.lead_s)
@@ -1077,12 +1082,14 @@ def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
         each = off(np.concatenate((theta[None], moved)))
         return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
-    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | dict(how.initial_values)
-    usual |= {name: fit.value(name) for name in PROFILED_EFFECTS}
-    guesses = [[usual.get(name, 0.0) for name in names]]
-    guesses += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
-    if look:
-        guesses += guess_from(look, problem).tolist()
+    guesses = known
+    if guesses is None:
+        usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | dict(how.initial_values)
+        usual |= {name: fit.value(name) for name in PROFILED_EFFECTS}
+        rows = [[usual.get(name, 0.0) for name in names]]
+        rows += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
+        rows += guess_from(look, problem).tolist() if look else []
+        guesses = np.array(rows)
     begun_at = np.clip(guesses, least + 1e-6, most - 1e-6)
     # the soft L1 loss of scipy's least squares
     initial = (np.sqrt(1 + off(begun_at) ** 2) - 1).sum(axis=-1)
@@ -1094,6 +1101,7 @@ def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
             bounds=(least, most),
             x_scale=step,
             loss="soft_l1",
+            ftol=how.cost_tolerance,
             max_nfev=how.max_evaluations,
         )
         for guess in begun_at[np.argsort(initial)[: how.continued_guesses]]
