@@ -59,13 +59,18 @@ def apply_play(track: Array, half: float) -> Array:
         track: Of the drive, shape (K,).
         half: Half the width of the gap, in its unit.
     """
-    low, high, rises = track - half, track + half, np.diff(track) > 0
-    turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
-    ends = np.concatenate((turns, [len(track) - 1]))
+    low, high, change = track - half, track + half, np.diff(track)
+    place = min(max(0.0, float(low[0])), float(high[0]))
+    moves = np.flatnonzero(change)
+    if not len(moves):
+        return np.full_like(track, place)
+    rises = change[moves] > 0
+    turned = rises[1:] != rises[:-1]
+    ends = np.append(moves[1:][turned], len(track) - 1)
     # in a stretch in which the drive goes one way, one side of the gap moves the plate
-    up = rises[np.concatenate(([0], turns))]
+    up = np.append(rises[:1], rises[1:][turned])
     sides = np.where(up, low[ends], high[ends])
-    place, begun = min(max(0.0, float(low[0])), float(high[0])), []
+    begun = []
     for rising, side in zip(up.tolist(), sides.tolist(), strict=True):
         begun.append(place)
         if rising == (side > place):

@@ -62,7 +62,7 @@ CROSSING_STEP_S = 0.008
 """The same where friction acts along both axes: it turns with the direction of the ball."""
 BLOCK_LANES = 3000
 """Largest number of balls that are simulated together: their arrays stay in the cache."""
-MAX_KNOWN_TILTS = 3_000_000
+MAX_KNOWN_TILTS = 1_000_000
 """Integrals of tilts over steps that are kept for further simulations of the same windows."""
 MIN_CROSS_SPEED_RATIO = 0.3
 """Speed along the other axis, over the largest change of speed in a step, above which friction acts
@@ -252,6 +252,8 @@ class AxisProblem(FitProblem[SampleWindows]):
 
     def take(self, which: Mask) -> Self:
         """The problem of some of the windows."""
+        if which.all():
+            return self
         found = super().take(which)
         for drive, tilted in self.known_tilts.items():
             found.known_tilts[drive] = tilted[:, which]
