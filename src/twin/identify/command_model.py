@@ -59,20 +59,24 @@ def apply_play(track: Array, half: float) -> Array:
         track: Of the drive, shape (K,).
         half: Half the width of the gap, in its unit.
     """
-    low, high, rises = track - half, track + half, np.diff(track) > 0
-    turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
-    ends = np.concatenate((turns, [len(track) - 1]))
+    low, high, change = track - half, track + half, np.diff(track)
+    place = min(max(0.0, float(low[0])), float(high[0]))
+    moves = np.flatnonzero(change)
+    if not len(moves):
+        return np.full_like(track, place)
+    rises = change[moves] > 0
+    turned = rises[1:] != rises[:-1]
+    ends = np.append(moves[1:][turned], len(track) - 1)
     # in a stretch in which the drive goes one way, one side of the gap moves the plate
-    up = rises[np.concatenate(([0], turns))]
-    place, begun = min(max(0.0, float(low[0])), float(high[0])), []
-    for rising, least, most in zip(
-        up.tolist(), low[ends].tolist(), high[ends].tolist(), strict=True
-    ):
+    up = np.append(rises[:1], rises[1:][turned])
+    sides = np.where(up, low[ends], high[ends])
+    begun = []
+    for rising, side in zip(up.tolist(), sides.tolist(), strict=True):
         begun.append(place)
-        place = max(least, place) if rising else min(most, place)
-    stretch = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=-1))
-    held = np.array(begun)[stretch]
-    return np.where(up[stretch], np.maximum(low, held), np.minimum(high, held))
+        if rising == (side > place):
+            place = side
+    held = np.repeat(begun, np.diff(ends, prepend=-1))
+    return np.minimum(np.maximum(held, low, out=low), high, out=low)
 
 
 MAX_TRACK_VALUES = 3_000_000
@@ -134,9 +138,11 @@ class TiltHistory:
         track, covered = self._track(lag, drive)
         place = self._place(time, lag)
         found = _interpolate(covered, place)
-        for end, tilt in ((0.0, track[0]), (len(track) - 1.0, track[-1])):  # held outside the log
-            outside = np.minimum(place, 0.0) if end == 0.0 else np.maximum(place - end, 0.0)
-            found += FINE_LAG_STEP_S * tilt * outside
+        last = len(track) - 1.0
+        if place.min(initial=0.0) < 0.0:  # held outside the log
+            found += FINE_LAG_STEP_S * track[0] * np.minimum(place, 0.0)
+        if place.max(initial=0.0) > last:
+            found += FINE_LAG_STEP_S * track[-1] * np.maximum(place - last, 0.0)
         return found
 
     def _place(self, time: Array, lag: float) -> Array:

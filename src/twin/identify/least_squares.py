@@ -369,6 +369,20 @@ class FitProblem(Generic[Windows_co]):
         """First guesses of the starts, S numbers of each window, shape (S, 1, W)."""
         raise NotImplementedError
 
+    @property
+    def rigid_starts(self) -> int:
+        """How many of the first numbers of a start merely shift all of its predicted samples."""
+        return 0
+
+    def take(self, which: Mask) -> Self:
+        """The problem of some of the windows."""
+        return replace(self, windows=self.windows.take(which))
+
+    def first_part(self, seconds: float) -> Self:
+        """The problem of the samples in the first seconds of each window."""
+        weight = self.windows.weight * (self.windows.time < seconds)[..., None]
+        return replace(self, windows=replace(self.windows, weight=weight))
+
     def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """Predicted samples in m, and their rates, (C, W, ...) like the samples.
 
@@ -387,8 +401,9 @@ class FitProblem(Generic[Windows_co]):
             slopes: Whether the slopes by the parameters are computed.
         """
         count, free, weight = len(theta), len(starts), self.windows.weight
+        rigid = self.rigid_starts
         batch = [(theta, starts)]
-        for k in range(free):
+        for k in range(rigid, free):
             moved = starts.copy()
             moved[k] += self.start_steps[k]
             batch.append((theta, moved))
@@ -409,11 +424,14 @@ class FitProblem(Generic[Windows_co]):
         )
         shape = (len(batch), count, len(weight), weight[0].size)
         scaled = (places * weight).reshape(shape)
-        moved_by = np.moveaxis(scaled[1 : 1 + free] - scaled[0], 0, -1)
-        by_start = np.ascontiguousarray(moved_by) / self.start_steps[:free]
+        by_start = np.empty((*shape[1:], free))
+        by_start[..., :rigid] = weight.reshape(len(weight), -1, 1)
+        for k in range(rigid, free):
+            np.subtract(scaled[1 + k - rigid], scaled[0], out=by_start[..., k])
+        by_start[..., rigid:] /= self.start_steps[rigid:free]
         by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
         for j, (k, width) in enumerate(widths.items()):
-            up, down = scaled[1 + free + 2 * j : 3 + free + 2 * j]
+            up, down = scaled[len(scaled) - 2 * len(widths) + 2 * j :][:2]
             by_parameter[..., k] = (up - down) / width
         if slopes and "delay" in self.names:
             by_delay = (-rates[:count] * weight).reshape(shape[1:])
@@ -561,7 +579,7 @@ def fit_starts(
         misfit = np.where(better, reached, misfit)[:, going]
         damping = np.where(better, damping / 3, damping * 30)[:, going]
         starts, theta, left = starts[..., going], theta[:, going], left[going]
-        problem = replace(problem, windows=problem.windows.take(going))
+        problem = problem.take(going)
     return found
 
 

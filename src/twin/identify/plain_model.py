@@ -10,8 +10,9 @@ are independent but for friction. Dead time is all between command and measured 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,8 @@ CROSSING_STEP_S = 0.008
 """The same where friction acts along both axes: it turns with the direction of the ball."""
 BLOCK_LANES = 3000
 """Largest number of balls that are simulated together: their arrays stay in the cache."""
+MAX_KNOWN_TILTS = 1_000_000
+"""Integrals of tilts over steps that are kept for further simulations of the same windows."""
 MIN_CROSS_SPEED_RATIO = 0.3
 """Speed along the other axis, over the largest change of speed in a step, above which friction acts
 on both axes together."""
@@ -169,6 +172,7 @@ class PredictionFit:
         max_predictions: Largest number of predictions by which fits are compared.
         continued_guesses: Number of the best first guesses that are continued.
         max_evaluations: Largest number of evaluations from each.
+        cost_tolerance: Relative decrease of the cost by a step below which a fit ends.
     """
 
     level_history_s: float = 2.4
@@ -183,6 +187,7 @@ class PredictionFit:
     max_predictions: int = 150
     continued_guesses: int = 2
     max_evaluations: int = 40
+    cost_tolerance: float = AXIS_STEP_CONTROL.cost_tolerance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,6 +221,7 @@ class AxisProblem(FitProblem[SampleWindows]):
         drift: Standard deviation in m/s^2 of a level of each window's own, which is then the
             third number of its start; 0 for none.
         stops: The end stops at which a ball bounces; None where no window touches one.
+        known_tilts: Integrals of tilts in the windows that were needed so far, by their drives.
     """
 
     tilt: TiltHistory
@@ -223,6 +229,9 @@ class AxisProblem(FitProblem[SampleWindows]):
     delays: tuple[float, float]
     drift: float = 0.0
     stops: EndStops | None = None
+    known_tilts: dict[tuple[float, ...], Array] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
     about = PLAIN_PARAMETERS
     start_steps = START_STEPS
     prior = START_PRECISION
@@ -241,16 +250,44 @@ class AxisProblem(FitProblem[SampleWindows]):
         least[at], most[at] = self.delays
         return least, most
 
+    @property
+    def rigid_starts(self) -> int:
+        """How many of the first numbers of a start merely shift all positions of a simulation."""
+        return int("camber" not in self.names and self.stops is None)
+
+    def take(self, which: Mask) -> Self:
+        """The problem of some of the windows."""
+        if which.all():
+            return self
+        found = super().take(which)
+        for drive, tilted in self.known_tilts.items():
+            found.known_tilts[drive] = tilted[:, which]
+        return found
+
+    def first_part(self, seconds: float) -> Self:
+        """The problem of the samples in the first seconds of each window, simulated no longer."""
+        found, bins = super().first_part(seconds), int(seconds / SAMPLE_BIN_S) + 2
+        windows = replace(
+            found.windows,
+            **{name: getattr(found.windows, name)[:, :bins] for name in ("time", "ball", "weight")},
+        )
+        longest = min(self.longest, seconds + SAMPLE_BIN_S)
+        return replace(found, windows=windows, longest=longest)
+
     def initial_starts(self) -> Array:
         """A straight line through the first samples of each window, shape (2 or 3, 1, W)."""
         out = np.zeros((3 if self.drift else 2, 1, len(self.windows)))
-        windows = self.windows
-        each = zip(windows.time, windows.ball[..., 0], windows.weight[..., 0], strict=True)
-        for w, (time, ball, weight) in enumerate(each):
-            first = np.flatnonzero(weight > 0)
-            first = first[time[first] < max(0.3, time[first[2]] if len(first) > 2 else 0.0) + 1e-6]
-            line = np.stack((np.ones_like(first), time[first]), axis=-1)
-            out[:2, 0, w] = np.linalg.lstsq(line, ball[first], rcond=1e-6)[0]
+        time, there = self.windows.time, self.windows.weight[..., 0] > 0
+        third = np.max(time, axis=1, where=there & (there.cumsum(axis=1) == 3), initial=0.3)
+        first = there & (time < third[:, None] + 1e-6)
+        count = np.maximum(first.sum(axis=1), 1)
+        middle, place = (
+            (each * first).sum(axis=1) / count for each in (time, self.windows.ball[..., 0])
+        )
+        since = np.where(first, time - middle[:, None], 0.0)
+        square = (since**2).sum(axis=1)
+        speed = (since * self.windows.ball[..., 0]).sum(axis=1) / np.maximum(square, 1e-12)
+        out[0, 0], out[1, 0] = place - speed * middle, speed
         return out
 
     def simulate(self, theta: Array, starts: Array) -> Array:
@@ -273,10 +310,7 @@ class AxisProblem(FitProblem[SampleWindows]):
         names = ("dead_time", "lag", *PROFILED_EFFECTS)
         drives = np.stack([values.get(name, zero)[:, 0] for name in names], axis=-1)
         kinds, which = np.unique(drives, axis=0, return_inverse=True)
-        tilted = np.empty((steps - 1, len(kinds), len(self.windows)))
-        for k, (delay, *each) in enumerate(kinds.tolist()):
-            covered = self.tilt.integrate(grid - delay, *each)
-            np.subtract(covered[1:], covered[:-1], out=tilted[:, k])
+        tilted = np.stack([self._tilted(grid, *each) for each in kinds.tolist()], axis=1)
         across = None
         if self.tilt.log.across[1].any():
             across = np.interp(grid, *self.tilt.log.across)
@@ -287,7 +321,7 @@ class AxisProblem(FitProblem[SampleWindows]):
         for first in range(0, len(theta), size):
             part = slice(first, first + size)
             rows = slice(None) if len(gain) == 1 else part
-            push = gain[rows] * tilted[:, which[part]]
+            push = gain[rows] * tilted.take(which[part], axis=1)
             push += h * (level[rows] + off_level[part])
             out[:, part] = _integrate(
                 h,
@@ -300,6 +334,21 @@ class AxisProblem(FitProblem[SampleWindows]):
                 self.stops,
             )
         return out
+
+    def _tilted(self, grid: Array, delay: float, *drive: float) -> Array:
+        """Integral of the tilt over each step of the simulation, shape (N - 1, W).
+
+        Args:
+            grid: Times of the steps in s, shape (N, W).
+            delay: Dead time in s.
+            drive: Lag, dead band, play, slew and lever, as ``TiltHistory.integrate`` takes them.
+        """
+        key, known = (delay, *drive), self.known_tilts
+        if key not in known:
+            if len(known) * grid.size > MAX_KNOWN_TILTS:
+                known.clear()
+            known[key] = np.diff(self.tilt.integrate(grid - delay, *drive), axis=0)
+        return known[key]
 
     def simulate_samples(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """A simulation at the samples in m, and its rate in m/s, shape (C, W, B, 1)."""
@@ -349,39 +398,42 @@ def _integrate(
             alone.
         stops: End stops at which the ball bounces; None without any.
     """
-    p, v = starts
-    # a step is linear in push, p and v, but for friction
-    push *= 1 - h / 2 * viscous
-    by_place, kept = (
-        h * camber * (1 - h / 2 * viscous),
-        h * (h / 2 * (camber + viscous**2) - viscous),
+    shape, count = starts.shape[1:], len(push)
+    # velocities by half a step, so that a step moves a ball by the sum of both; it is linear in
+    # push, p and v, but for friction
+    half = h / 2
+    push *= half * (1 - half * viscous)
+    kept = 1 + h * (half * (camber + viscous**2) - viscous)
+    by_place, most, kept = (
+        np.broadcast_to(each, shape).ravel()
+        for each in (half * h * camber * (1 - half * viscous), half * h * friction, kept)
     )
-    linear = bool(by_place.any() or kept.any())
-    most = np.ascontiguousarray(np.broadcast_to(h * friction, p.shape))
-    least, rubs = -most, bool(most.any())
-    places = np.empty((len(push) + 1, *p.shape))
-    spare, product = np.empty((2, *p.shape))
-    places[0] = p
-    v = v.copy()
-    for n in range(len(push)):
-        free = np.add(push[n], v, out=push[n])
-        if linear:
-            free += np.multiply(kept, v, out=spare)
+    bends, damps, rubs = by_place.any(), (kept != 1).any(), most.any()
+    places = np.empty((count + 1, *shape))
+    places[0] = starts[0]
+    p, v = places[0].ravel(), half * starts[1].ravel()
+    spare, against = np.empty((2, *p.shape))
+    turns = np.empty(p.shape, bool)
+    steps, rows = push.reshape(count, -1), places[1:].reshape(count, -1)
+    for n in range(count):
+        stays = np.multiply(kept, v, out=spare) if damps else v
+        free = np.add(steps[n], stays, out=steps[n])
+        if bends:
             free += np.multiply(by_place, p, out=spare)
         after = free
         if rubs:
-            np.minimum(np.maximum(free, least, out=spare), most, out=spare)
-            after = np.subtract(free, spare, out=spare)
-            turned = (np.multiply(v, after, out=product) <= 0).ravel().nonzero()[0]
+            np.copysign(most, v, out=against)
+            after = np.subtract(free, against, out=spare)
+            against *= after
+            turned = np.less(against, 0.0, out=turns).nonzero()[0]
             if turned.size:
                 _turn(turned, v, free, most, after)
             if across is not None:
-                _rub_aslant(v, free, most, across[n], after)
+                lanes = (each.reshape(shape) for each in (v, free, most, after))
+                _rub_aslant(half * across[n], *lanes)
             spare = v
         v += after
-        v *= h / 2
-        p = np.add(p, v, out=places[n + 1])
-        v = after
+        p, v = np.add(p, v, out=rows[n]), after
         if stops is not None:
             _bounce(p, v, stops)
     return places
@@ -389,36 +441,39 @@ def _integrate(
 
 def _bounce(p: Array, v: Array, stops: EndStops) -> None:
     """Put balls that went through an end stop back to it, and turn their velocities, in place."""
-    through = ((p > stops.high) & (v > 0)) | ((p < stops.low) & (v < 0))
-    if through.any():
-        v[through] *= -stops.restitution
-        p[through] = np.clip(p[through], stops.low, stops.high)
+    beyond = p > stops.high
+    beyond |= p < stops.low
+    at = beyond.nonzero()[0]
+    if at.size:
+        at = at[np.where(p[at] > stops.high, v[at], -v[at]) > 0]
+        v[at] *= -stops.restitution
+        p[at] = np.clip(p[at], stops.low, stops.high)
 
 
 def _turn(at: NDArray[np.intp], v: Array, free: Array, most: Array, after: Array) -> None:
-    """Correct velocities after a step in which a ball turns: ``after``, at flat indices.
+    """Correct velocities after a step in which a ball turns or rests: ``after``, at flat indices.
 
     Friction acts against the old direction, then against the new one.
 
     Args:
-        at: The balls with a velocity that changes its sign or is zero.
-        v: Velocities before in m/s, shape (C, W).
+        at: The balls that friction against their old direction would turn.
+        v: Velocities before, shape (L,).
         free: After the step without friction, same shape.
-        most: Largest change by friction in m/s, same shape.
-        after: After the step with friction against the direction of ``free``.
+        most: Largest change by friction, same shape.
+        after: After the step with friction against the old direction.
     """
-    was = v.take(at)
-    moves = was.nonzero()[0]
-    if not moves.size:
-        return
-    at, was = at[moves], was[moves]
-    end, taken = free.take(at), most.take(at)
-    pushed = np.abs(end - was)
-    share = np.maximum(pushed - taken, 0.0) / np.maximum(pushed + taken, 1e-300)
-    after.put(at, (end - np.copysign(taken, was)) * share)
+    pushed, taken = free.take(at), most.take(at)
+    pushed -= v.take(at)
+    np.abs(pushed, out=pushed)
+    share = pushed - taken
+    np.maximum(share, 0.0, out=share)
+    pushed += taken
+    share /= pushed
+    share *= after.take(at)
+    after.put(at, share)
 
 
-def _rub_aslant(v: Array, free: Array, most: Array, across: Array, after: Array) -> None:
+def _rub_aslant(across: Array, v: Array, free: Array, most: Array, after: Array) -> None:
     """Correct velocities of balls that roll along the other axis as well: ``after``.
 
     Friction acts against the mean direction of the step.
@@ -1003,21 +1058,23 @@ def refit_for_prediction(fit: AxisFit, longest: float) -> AxisFit:
     return found
 
 
-def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
+def fit_to_predictions(
+    fit: AxisFit, look: FirstLook | None = None, known: Array | None = None
+) -> Array:
     """Parameters fitted to predictions of the log, the best from several first guesses, (1, P).
 
     Args:
         fit: A fit to windows of the log.
         look: A first look at it, which is a guess as well.
+        known: A guess that is near the fit, shape (1, P), so that no other is needed.
     """
     how, hold_out = fit.how.prediction, fit.how.hold_out
     at = _thin_prediction_times(fit.log, fit.how, hold_out.lead_s)
     problem = _prediction_problem(fit.log, fit, at)
     windows, names = problem.windows, problem.names
-    known = windows.time < hold_out.lead_s
-    part = replace(windows, weight=windows.weight * known[..., None])
-    before = replace(problem, windows=part, longest=hold_out.lead_s + hold_out.horizon_tolerance_s)
-    target = (windows.weight[..., 0] > 0) & ~known
+    before = problem.first_part(hold_out.lead_s)
+    first = before.initial_starts()
+    target = (windows.weight[..., 0] > 0) & (windows.time >= hold_out.lead_s)
     # what has no slope stays as it is
     step = np.array([PLAIN_PARAMETERS[name].difference or 1e-12 for name in names])
     least, most = problem.bounds
@@ -1025,7 +1082,8 @@ def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
 
     def off(theta: Array) -> Array:
         theta = np.atleast_2d(theta)
-        places = problem.simulate_samples(theta, fit_starts_from_scratch(before, theta, 4))[0]
+        starts = fit_starts(before, theta, np.repeat(first, len(theta), axis=1), 4)
+        places = problem.simulate_samples(theta, starts)[0]
         each = np.clip((places - windows.ball)[:, target, 0] / how.huber_error_m, -1e3, 1e3)
         return np.asarray(np.squeeze(each))
 
@@ -1034,13 +1092,15 @@ def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
         each = off(np.concatenate((theta[None], moved)))
         return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
-    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | dict(how.initial_values)
-    usual |= {name: fit.value(name) for name in PROFILED_EFFECTS}
-    first = [[usual.get(name, 0.0) for name in names]]
-    first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
-    if look:
-        first += guess_from(look, problem).tolist()
-    begun_at = np.clip(first, least + 1e-6, most - 1e-6)
+    guesses = known
+    if guesses is None:
+        usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | dict(how.initial_values)
+        usual |= {name: fit.value(name) for name in PROFILED_EFFECTS}
+        rows = [[usual.get(name, 0.0) for name in names]]
+        rows += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
+        rows += guess_from(look, problem).tolist() if look else []
+        guesses = np.array(rows)
+    begun_at = np.clip(guesses, least + 1e-6, most - 1e-6)
     # the soft L1 loss of scipy's least squares
     initial = (np.sqrt(1 + off(begun_at) ** 2) - 1).sum(axis=-1)
     tried = [
@@ -1051,6 +1111,7 @@ def fit_to_predictions(fit: AxisFit, look: FirstLook | None = None) -> Array:
             bounds=(least, most),
             x_scale=step,
             loss="soft_l1",
+            ftol=how.cost_tolerance,
             max_nfev=how.max_evaluations,
         )
         for guess in begun_at[np.argsort(initial)[: how.continued_guesses]]

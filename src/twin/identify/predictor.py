@@ -132,7 +132,7 @@ def choose_predictor(
     except LogError:
         return full, ""
     if known:
-        fits, why = _choose_fits(fit, plain, look, how)
+        fits, why = _choose_fits(fit, plain, how)
     else:
         fits, why = (plain,), "the full model leaves the gain open"
     if fits[-1] is fit:
@@ -142,17 +142,16 @@ def choose_predictor(
 
 
 def _choose_fits(
-    full: AxisFit, plain: AxisFit, look: FirstLook | None, how: PredictorChoice
+    full: AxisFit, plain: AxisFit, how: PredictorChoice
 ) -> tuple[tuple[AxisFit, ...], str]:
     """The better one of two fits to a log, or both where that is unclear, and why.
 
     Args:
         full: By the full model.
         plain: By five numbers.
-        look: A first look at the log.
         how: Constants.
     """
-    refits = (lambda log: _refit(full, log), lambda log: _reduce(full, log, look, how))
+    refits = (lambda log: _refit(full, log), lambda log: _refit_plainly(plain, log, how))
     try:
         (by_full, by_plain), at = _cross_validate(full, refits, how)
     except LogError:  # a half has too few windows
@@ -294,9 +293,27 @@ def _fit(
     found = replace(found, noise=noise or found.sigma)
     if len(prediction_times(log, fitting, fitting.hold_out.lead_s)) < 3:
         return found
-    near = replace(fitting.hold_out, horizons_s=(how.horizon_s,), interval_s=how.interval_s)
-    theta = fit_to_predictions(replace(found, how=replace(fitting, hold_out=near)), look)
+    theta = fit_to_predictions(_predict_near(found, how), look)
     return replace(found, found=found.found._replace(theta=theta))
+
+
+def _predict_near(fit: AxisFit, how: PredictorChoice) -> AxisFit:
+    """The fit with the predictions to which five numbers are fitted."""
+    near = replace(fit.how.hold_out, horizons_s=(how.horizon_s,), interval_s=how.interval_s)
+    return replace(fit, how=replace(fit.how, hold_out=near))
+
+
+def _refit_plainly(fit: AxisFit, log: AxisLog, how: PredictorChoice) -> AxisFit:
+    """The plain model of a part of its log, begun from that of all of it.
+
+    Raises:
+        LogError: If there are too few predictions.
+    """
+    if len(prediction_times(log, fit.how, fit.how.hold_out.lead_s)) < 3:
+        raise LogError("too few predictions")
+    other = replace(fit, log=log)
+    theta = fit_to_predictions(_predict_near(other, how), known=fit.found.theta)
+    return replace(other, found=fit.found._replace(theta=theta))
 
 
 def _refit(fit: AxisFit, log: AxisLog) -> AxisFit:

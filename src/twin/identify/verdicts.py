@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -169,11 +169,10 @@ def predict_windows(
     windows = problem.windows
     ahead, there = windows.time - lead, windows.weight > 0
     known = there & (ahead < 0)[..., None]
-    begun = replace(problem, windows=replace(windows, weight=windows.weight * known))
-    places = {}
+    begun, places = problem.first_part(lead), {}
     for who, theta in by.items():
         starts = fit_starts(begun, theta, begun.initial_starts(), how.max_start_steps)
-        places[who] = begun.simulate_samples(theta, starts)[0][0]
+        places[who] = problem.simulate_samples(theta, starts)[0][0]
     ball = np.where(there, windows.ball, np.nan)
     found = {}
     for k, axis in enumerate(axes):
