@@ -23,7 +23,7 @@ TABLES = {
     "reference": {"kind": "hold", "x": 0.05, "y": -0.03},
 }
 
-pytest_plugins = ["pytester", "real_time_session", "verified_long"]
+pytest_plugins = ["pytester", "real_time_session", "long_tests"]
 
 # The report descriptor that a mouse gives Linux.
 MOUSE = (

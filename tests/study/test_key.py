@@ -2,8 +2,8 @@
 
 A finished run is used again if and only if nothing that it executes has changed."""
 
+import grimp
 import pytest
-from dependencies import PACKAGES, import_graph
 
 from twin.study import work
 from twin.study.schema import Study
@@ -84,11 +84,13 @@ BESIDE = {
 
 
 def test_all_that_a_run_imports_is_in_the_key_but_what_reads_its_files():
-    imported = import_graph().find_upstream_modules("twin.run.loop")
+    imported = grimp.build_graph(
+        "ballplate", "twin", "controllers", cache_dir=None
+    ).find_upstream_modules("twin.run.loop")
     files = {source(*name.split(".")[1:]) for name in imported if name.startswith("twin.")}
     files = {path / "__init__" if path.is_dir() else path for path in files}
     known = {path.with_suffix("") for path in work.sources()}
-    assert files - known == {PACKAGES["twin"] / name for name in BESIDE}
+    assert files - known == {source(name) for name in BESIDE}
 
 
 def test_a_run_of_other_code_is_another_run(monkeypatch):
