@@ -20,7 +20,9 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
+from scipy.optimize import minimize
 
+from controllers.arrays import Array
 from docs.pages import HERE, filled, kept, wilson, write
 from docs.shadow_trials import DELAY, FAMILY, HEALTHY, HEALTHY_SCENARIOS, LEVEL, ROLLING, _whole
 from twin.base.errors import TwinError
@@ -31,7 +33,7 @@ from twin.scenario.schema import at_study_step
 from twin.shadow.belief import logs
 from twin.shadow.evidence import gaps
 from twin.shadow.learning import (
-    BETWEEN_STD,
+    CHANCE,
     COMPARED_PARAMETERS,
     LEARNING_S,
     MAX_CHANCE_STDS,
@@ -198,23 +200,37 @@ def share(hits: int, count: int) -> str:
     return f"{hits} of {count} ({low:.0f} to {high:.0f} %)"
 
 
-def between(rows: Sequence[Mapping[str, Any]], name: str) -> tuple[float, float, float]:
-    """What the changes of a parameter between healthy logs say of the constants.
+def fit_chance(rows: Sequence[Mapping[str, Any]], name: str) -> tuple[float, float]:
+    """The most likely scale and standard deviation between logs of a parameter.
+
+    Changes are taken as normal with the variance (scale * fit_std)^2 + between^2.
 
     Args:
         rows: Of healthy logs.
         name: The parameter.
-
-    Returns:
-        Root mean square change, what is left of it without the errors of the fits, and the largest
-        deviation with the constants in use.
     """
     found = [each for row in rows for each in differences(row) if each.name == name]
-    changes = np.array([each.change / each.unit for each in found])
+    squares = np.array([each.change / each.unit for each in found]) ** 2
     errors = np.array([each.fit_std / each.unit for each in found])
-    beyond = float(np.sqrt(max(0.0, (changes**2).mean() - (errors**2).mean())))
-    largest = max(abs(each.deviation) for each in found)
-    return float(np.sqrt((changes**2).mean())), beyond, largest
+    usual = float(np.sqrt(squares.mean()))
+
+    def cost(x: Array) -> float:
+        variance = (np.exp(x[0]) * errors) ** 2 + (usual * np.exp(x[1])) ** 2
+        return float((np.log(variance) + squares / variance).sum())
+
+    # a fit does not state too large errors of itself
+    bounds = [(0.0, np.log(20.0)), (np.log(1e-3), np.log(3.0))]
+    starts = [(0.1, -0.1), (0.1, -4.0), (1.5, -4.0), (1.0, -1.0)]
+    best = min(
+        (minimize(cost, start, bounds=bounds) for start in starts), key=lambda each: each.fun
+    )
+    return float(np.exp(best.x[0])), usual * float(np.exp(best.x[1]))
+
+
+def largest_deviation(rows: Sequence[Mapping[str, Any]], name: str) -> float:
+    """The largest deviation of a parameter with the constants in use."""
+    found = [each for row in rows for each in differences(row) if each.name == name]
+    return max(abs(each.deviation) for each in found)
 
 
 def healthy_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
@@ -282,9 +298,9 @@ def page(
         calibration=[
             (
                 name,
-                *(f"{value:.2g}" for value in between(tried, name)[:2]),
-                f"{BETWEEN_STD[name]:.2g}",
-                f"{between(tried, name)[2]:.1f}",
+                *(f"{value:.2g}" for value in fit_chance(tried, name)),
+                *(f"{CHANCE[name][key]:.2g}" for key in ("scale", "between")),
+                f"{largest_deviation(tried, name):.1f}",
             )
             for name in COMPARED_PARAMETERS
         ],

@@ -13,7 +13,7 @@ from twin.shadow.alarms import SequentialTests
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
 from twin.shadow.follow import Shadow
 from twin.shadow.learning import (
-    BETWEEN_STD,
+    CHANCE,
     COMPARED_PARAMETERS,
     MAX_CHANCE_STDS,
     Difference,
@@ -72,11 +72,16 @@ def test_a_rig_of_one_axis_has_one_level(monkeypatch):
     assert "level_phi" in {each.name for each in found}
 
 
+def rolling_std(value, fit_std):
+    """Standard deviation of a difference of the rolling friction."""
+    about = CHANCE["rolling"]
+    return np.sqrt((about["scale"] * fit_std) ** 2 + (about["between"] * value) ** 2)
+
+
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_chance_is_what_both_fits_and_healthy_logs_leave_open(share):
     """A change of a share of the limit, which is the root of the sum of squares."""
-    healthy = 2e-4 * BETWEEN_STD["rolling"]
-    limit = MAX_CHANCE_STDS * np.hypot(3e-6, healthy)
+    limit = MAX_CHANCE_STDS * rolling_std(2e-4, 3e-6)
     found = Difference("rolling", 2e-4, -share * limit, 3e-6, 2e-4)
     assert found.significant == (share > 1)
     assert found.deviation == pytest.approx(-share * MAX_CHANCE_STDS)
@@ -106,7 +111,7 @@ def test_a_log_that_differs_is_not_called_healthy():
 
 def test_a_log_that_agrees_states_what_would_not_be_seen():
     std = 1e-6
-    limit = MAX_CHANCE_STDS * np.hypot(std, 1.8e-4 * BETWEEN_STD["rolling"]) / 1.8e-4
+    limit = MAX_CHANCE_STDS * rolling_std(1.8e-4, std) / 1.8e-4
     said = " ".join(sentences(report(Difference("rolling", 1.8e-4, 0.0, std, 1.8e-4))))
     assert "agree with the reference" in said
     assert f"rolling friction below {100 * limit:.0f} %" in said

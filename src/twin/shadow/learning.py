@@ -54,9 +54,9 @@ COMPARED_PARAMETERS = (*BALL_BELIEFS, "lag", "transmission", "noise")
 """Parameters that are compared with those of a reference; lost motion is too uncertain for that."""
 REFERENCE_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 """Constants of that comparison; the file explains its entries."""
-BETWEEN_STD: dict[str, float] = REFERENCE_TABLES["between"]
-"""Standard deviations by which fits to healthy logs of one rig differ beyond their own: rolling
-relative, the noise as a logarithm, else SI."""
+CHANCE: dict[str, dict[str, float]] = REFERENCE_TABLES["parameters"]
+"""Scale on the errors of the fits, and standard deviation by which fits to healthy logs of one rig
+differ beyond these (rolling relative, the noise as a logarithm, else SI), of each parameter."""
 MAX_CHANCE_STDS = float(REFERENCE_TABLES["max_chance_stds"])
 """Standard deviations up to which a difference from the reference is explained by chance."""
 PARAMETER_LABELS = {
@@ -191,7 +191,7 @@ class Difference:
         name: In ``COMPARED_PARAMETERS``.
         reference: Its value there in SI units; the noise as a logarithm.
         change: By how much the log's value is larger, in the same unit.
-        fit_std: Standard deviation of the change by the errors of both fits.
+        fit_std: Standard deviation of the change by the errors that both fits state of themselves.
         unit: Value that counts as 1 in a relative change.
     """
 
@@ -204,7 +204,8 @@ class Difference:
     @property
     def std(self) -> float:
         """Standard deviation of the change if the rig is the same."""
-        return float(np.hypot(self.fit_std, self.unit * BETWEEN_STD[self.name]))
+        chance = CHANCE[self.name]
+        return float(np.hypot(chance["scale"] * self.fit_std, chance["between"] * self.unit))
 
     @property
     def deviation(self) -> float:
