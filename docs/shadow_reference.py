@@ -308,7 +308,7 @@ def page(
 
 
 @click.command()
-@click.option("--rigs", type=click.IntRange(min=1), default=20, help="How many are judged.")
+@click.option("--rigs", type=click.IntRange(min=0), default=20, help="How many are judged.")
 @click.option("--calibration", type=click.IntRange(min=1), default=10, help="Others.")
 @click.option("--whole", type=click.IntRange(min=0), default=2, help="Judged rigs identified too.")
 def main(rigs: int, calibration: int, whole: int) -> None:
