@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import inspect
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.resources import files
 from pathlib import Path
@@ -166,7 +166,16 @@ def known(draw: str, numbers: tuple[int, ...], *, identified: bool) -> list[dict
     rooms = [Path(str(files(f"twin.{room}"))) for room in ("shadow", "identify")]
     names = ("belief.py", "belief.toml", "evidence.py")
     sources = [*(rooms[0] / name for name in names), *sorted(rooms[1].rglob("*.py"))]
-    parts = (others, change, simulate, carry_out, learn_twin, learn, fit_belief, shift_parameters)
+    parts: tuple[Callable[..., Any], ...] = (
+        others,
+        change,
+        simulate,
+        carry_out,
+        learn_twin,
+        learn,
+        fit_belief,
+        shift_parameters,
+    )
     parts += (prepare_for, beginning, compare_with_reference)
     how = " ".join([each.read_text(encoding="utf-8") for each in sources])
     how += " ".join(inspect.getsource(each) for each in parts)
@@ -244,7 +253,7 @@ def healthy_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
 
 def changed_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Of each change: how many are told to differ, and by which parameter."""
-    table = []
+    table: list[tuple[str, ...]] = []
     for kind, names in CHANGES.items():
         some = [row for row in rows if row["kind"] == kind]
         told = [found for row in some if (found := significant(row))]
