@@ -32,6 +32,11 @@ RIG = ("plant.friction.rolling_mm=0.23", "plant.level_deg=[0.2, -0.1]", "plant.s
 """A rig that differs from the usual one."""
 
 
+def differing(found):
+    """The parameters by which a log differs from the reference since its first row."""
+    return [each for each in found["differences"] if each["significant"]]
+
+
 def ended(line, capsys):
     with pytest.raises(SystemExit) as end:
         main(line.split())
@@ -49,14 +54,21 @@ def alarmed(line, capsys):
 def test_a_healthy_log_raises_no_alarm_and_a_changed_level_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     later = 'change=[{at=26, set={"plant.level_deg"=[0.5, -0.1]}}]'
-    for name, more in (("first", ["seed=1"]), ("well", ["seed=2"]), ("tilted", ["seed=3", later])):
+    rough = "plant.friction.rolling_mm=0.46"
+    logs = {"first": ["seed=1"], "well": ["seed=2"], "tilted": ["seed=3", later], "rough": [rough]}
+    for name, more in logs.items():
         done = bp.run("excite", [*RIG, *more], duration=45)
         done.export(f"{name}.csv")
-    line = "shadow well.csv tilted.csv --reference first.csv --out out --json"
+    line = "shadow well.csv tilted.csv rough.csv --reference first.csv --out out --json"
     found = alarmed(line, capsys)
     rolling = found["reference"]["parameters"][0]
     assert rolling["low"] <= 0.23 <= rolling["high"]
-    assert found["logs"]["well"]["alarms"] == []
+    assert found["logs"]["well"]["verdict"] == "healthy"
+    assert [differing(found["logs"][name]) for name in ("well", "tilted")] == [[], []]
+    (most, *_) = differing(found["logs"]["rough"])
+    assert most["name"] == "rolling"
+    assert most["reference"] == pytest.approx(0.23e-3, rel=0.05)
+    assert most["log"] == pytest.approx(0.46e-3, rel=0.1)
     first = found["logs"]["tilted"]["alarms"][0]
     assert 26 < first["time"] < 40
     assert first["causes"][0]["name"] == "level"
@@ -92,14 +104,24 @@ def test_end_stops_that_nobody_stated_raise_no_alarm(tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     rig = Rig(seconds=60.0, stop=0.05, lever=0.05)
     step = 0.05 * (np.arange(round(rig.seconds / STEP_S)) > 32.0 / STEP_S)
-    for name, seed, across in (("first", 11, None), ("well", 12, None), ("tilted", 12, step)):
-        time, _, ball, _, tilt = simulate_log(seed, rig, across)
+    rough = replace(rig, friction=2 * rig.friction)
+    for name, seed, each, across in (
+        ("first", 11, rig, None),
+        ("well", 12, rig, None),
+        ("tilted", 12, rig, step),
+        ("rough", 13, rough, None),
+    ):
+        time, _, ball, _, tilt = simulate_log(seed, each, across)
         rows = np.column_stack((time, ball, tilt[np.rint(time / STEP_S).astype(int)]))
         np.savetxt(f"{name}.csv", rows, delimiter=",", header="t,X,tilt", comments="")
     columns = "time=t,measured_x=X:m,measured_phi=tilt:rad"
-    line = f"shadow well.csv tilted.csv --reference first.csv --columns {columns} --json"
+    line = f"shadow well.csv tilted.csv rough.csv --reference first.csv --columns {columns} --json"
     found = alarmed(line, capsys)["logs"]
-    assert found["well"]["alarms"] == []
+    assert found["well"]["verdict"] == "healthy"
+    assert [differing(found[name]) for name in ("well", "tilted")] == [[], []]
+    (most, *_) = differing(found["rough"])
+    assert most["name"] == "rolling"
+    assert most["log"] == pytest.approx(2 * most["reference"], rel=0.2)
     assert found["well"]["told_seconds"] > 10
     assert any("ball at a wall" in note for note in found["well"]["notes"])
     first = found["tilted"]["alarms"][0]
@@ -211,6 +233,7 @@ def test_every_log_is_read_once(tmp_path, monkeypatch):
     monkeypatch.setattr("twin.shadow.reference.learn_reference", lambda log, *_, **__: (
         done.append(log.source) or Reference(None, Path("p.toml"))
     ))  # fmt: skip
+    monkeypatch.setattr("twin.shadow.reference.learn_twin", lambda *_, **__: None)
     monkeypatch.setattr("twin.shadow.reference.examine_log", lambda log, folder, how, **_: (
         done.append(log.source) or (folder, how)
     ))  # fmt: skip

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law
 from docs import shadow_identified as identified
+from docs import shadow_reference as references
 from docs import shadow_trials as trials
+from twin.scenario.load import load
 
 INJECTED, JUDGED = trials.INJECTED, trials.JUDGED
 HEALTHY, KINDS, LAWS, UNDER_LAWS = trials.HEALTHY, [*trials.KINDS], trials.LAWS, trials.UNDER_LAWS
@@ -180,3 +183,65 @@ def test_whatever_happens_to_a_rig_of_the_family_can_be_simulated():
         assert not belief.change
         assert len(truth.change) == 1
         assert belief.plant.friction.rolling_mm != truth.plant.friction.rolling_mm
+
+
+def compared(number, kind, *parameters, scenario="circle", identified=False):
+    """A log of a rig with (name, change, fit_std) of parameters with a reference value of 1."""
+    keys = ("name", "change", "fit_std")
+    found = [
+        {**dict(zip(keys, each, strict=True)), "reference": 1.0, "unit": 1.0} for each in parameters
+    ]
+    about = {"number": number, "kind": kind, "scenario": scenario, "identified": identified}
+    return {**about, "why": "", "differences": found}
+
+
+def test_the_page_of_references_counts_every_log_that_is_told_to_differ():
+    doubled, quiet = ("rolling", 1.0, 0.01), ("rolling", 0.001, 0.01)
+    late = ("delay", 0.1, 1e-4)
+    same = [(name, 1e-9, 1.0) for name in references.COMPARED_PARAMETERS if name != "rolling"]
+    kinds = list(references.CHANGES)
+    judged = [
+        compared(0, HEALTHY, quiet), compared(1, HEALTHY, doubled, scenario="sine"),
+        compared(2, HEALTHY, quiet, scenario="sine"),
+        compared(0, kinds[0], doubled), compared(1, kinds[0], late, doubled),
+        compared(2, kinds[0], quiet),
+        {**compared(2, HEALTHY), "why": "too short"},
+    ]  # fmt: skip
+    calibration = [compared(k, HEALTHY, quiet, *same) for k in range(3)]
+    text = references.page(judged, calibration, [], "shadow_reference.py")
+    # Wilson: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n) with z = 1.96
+    assert "| all | 1 of 3 (6 to 79 %) |" in text
+    assert "| sine | 1 of 2 (9 to 91 %) |" in text
+    assert "| circle | 0 of 1 (0 to 79 %) |" in text
+    assert f"| {kinds[0]} | 2 of 3 (21 to 94 %) | 2 | 1 |" in text
+    assert "| 1 | sine | rolling friction 1000.000 -> 2000.000 mm (+100 %) |" in text
+    assert "3 simulated rigs of" in text
+    assert "1 logs were refused" in text
+
+
+@pytest.mark.parametrize(("scale", "between"), [(3.0, 0.0), (1.0, 0.05), (2.0, 0.02)])
+def test_the_calibration_finds_by_what_changes_scatter(scale, between):
+    rng = np.random.default_rng(4)
+    errors = np.exp(rng.uniform(np.log(1e-3), np.log(0.1), 4000))
+    changes = rng.standard_normal(4000) * np.hypot(scale * errors, between)
+    each = zip(changes, errors, strict=True)
+    rows = [compared(0, HEALTHY, ("delay", *numbers)) for numbers in each]
+    found = references.fit_chance(rows, "delay")
+    assert found == pytest.approx((scale, between), rel=0.1, abs=2e-3)
+
+
+def test_every_change_before_a_first_row_is_of_the_stated_size():
+    true = {references.ROLLING: 0.2, references.DELAY: 0.04, references.LEVEL: [0.1, 0.0]}
+    rough, tilted, late, heavy = (
+        references.change(true, kind, np.random.default_rng(1)) for kind in references.CHANGES
+    )
+    assert rough[references.ROLLING] == pytest.approx(0.4)
+    assert late[references.DELAY] == pytest.approx(0.07)
+    assert np.hypot(tilted[references.LEVEL][0] - 0.1, tilted[references.LEVEL][1]) == (
+        pytest.approx(0.5)
+    )
+    # a hollow ball takes 3/5 of gravity: 1 / (1 + J / (m r^2))
+    ball = load("circle").plant.ball
+    share = 1 / (1 + heavy["plant.ball.inertia"] / (ball.mass * ball.radius**2))
+    assert share == pytest.approx(0.85 * 3 / 5, rel=1e-3)
+    assert references.change(true, HEALTHY, np.random.default_rng(1)) == true

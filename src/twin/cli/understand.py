@@ -295,7 +295,7 @@ def shadow(
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
     identified ones: it learns then as with --learn). With --reference it is identified from another
     log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
-    shadow.json. Exit code 1 after an alarm.
+    shadow.json. Exit code 1 after an alarm, or if a log differs from the reference from its start.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
     names = [run_name(file) for file in files]
@@ -335,7 +335,7 @@ def shadow(
     for (name, each), folder in zip(found.items(), folders, strict=True):
         shown += [bold(name), *sentences(each), f"written to {folder}/: {WRITTEN_FILES}"]
     show(numbers, shown)
-    return int(any(each.alarms for each in found.values()))
+    return int(any(each.alarms or each.differs for each in found.values()))
 
 
 def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:

@@ -4,12 +4,6 @@ A recorded run is looked at as a whole. Of a run in progress the rows of late ar
 few seconds as a whole log would be, and what lies far enough from their end is kept. Its scores
 differ from those of the whole log by what only that tells: the noise of the screen, estimated from
 the rows so far, at most those of the last minute.
-
-An identification leaves some parameters open: they are learned from the beginning of a log, before
-it is evaluated. A log shows friction, dead time, level and drives with some error, and
-nothing of the screen's patches, play and cams. The first seconds are compared with the twin with
-so much room; it is put where they put it, expanded again there, and its screen is taken as uneven
-as their residuals require.
 """
 
 from __future__ import annotations
@@ -24,29 +18,32 @@ from controllers.arrays import Array, Mask
 from twin.base.errors import LogError
 from twin.hal.interface import AXIS_NAMES
 from twin.identify.logs import LOG_COLUMN_UNITS, Log, of_columns
-from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
-from twin.identify.parameters import LEVELS
-from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, prepare
-from twin.identify.windows import Windows, unknown_motion
+from twin.identify.prepare import PreparedLog
+from twin.identify.windows import Windows
 from twin.run.logs import NEEDED_COLUMNS
-from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import CHANGE_TEST, SequentialTests, baseline, onset, resolution
-from twin.shadow.belief import BALL_BELIEFS, OPEN_STD, WATCHED_PARAMETERS, Belief
+from twin.shadow.belief import Belief
 from twin.shadow.causes import Alarm, weigh
 from twin.shadow.evidence import (
     NO_EVIDENCE,
-    PLAY_WIDTHS_RAD,
     Evidence,
     ball_evidence,
     ball_windows,
     gaps,
-    log_evidence,
     noise_evidence,
     plate_evidence,
-    posterior,
 )
 from twin.shadow.horizon import HORIZON_S, FrictionMap, Replays, replays
+from twin.shadow.learning import (
+    LEARNING_S,
+    Difference,
+    beginning,
+    compare_with_reference,
+    learn,
+    prepare_for,
+    taught,
+)
 
 LEAST_TOLD = 5.0
 """Minimum motion in s for a verdict on the rig's health."""
@@ -68,14 +65,6 @@ CHANGE_UNCERTAINTY_S = 2.0
 """Uncertainty in s of the most likely time of a change; windows in it are left out."""
 MIN_WINDOWS_AFTER = 2
 """Windows after a change that are enough to leave the uncertain ones out."""
-LEARNING_S = 20.0
-"""Seconds from which a twin learns."""
-EXPANSION_ROUNDS = 3
-"""How often it is expanded again where they put it."""
-MIN_FRICTION_SHARE = 0.2
-"""Least share of its friction that is left of a twin in a round."""
-UNEVENNESS_PERCENT = (10.0, 20.0, 5.0, 2.0, 0.0)
-"""Percent by which the screen's friction may differ from place to place."""
 
 
 @dataclass
@@ -91,6 +80,7 @@ class Shadow:
         source: What the log is called.
         length: Usable seconds of what was looked at last.
         taught: What the twin learned before it evaluated the log, in a sentence.
+        differences: Of its beginning from the reference; empty without one.
         notes: What had to be left out of it, in words.
         wall_note: The one of them on the time at walls; empty without any.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
@@ -103,16 +93,24 @@ class Shadow:
     source: str = ""
     length: float = 0.0
     taught: str = ""
+    differences: tuple[Difference, ...] = ()
     notes: tuple[str, ...] = ()
     wall_note: str = ""
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def verdict(self) -> str:
-        """``alarm``, ``healthy`` or ``cannot tell``."""
+        """``alarm``, ``differs`` (from the reference), ``healthy`` or ``cannot tell``."""
         if self.alarms:
             return "alarm"
+        if self.differs:
+            return "differs"
         return "healthy" if self.moved_s >= LEAST_TOLD else "cannot tell"
+
+    @property
+    def differs(self) -> bool:
+        """Whether the log differs from the reference since its first row."""
+        return any(each.significant for each in self.differences)
 
     @property
     def score_median(self) -> float | None:
@@ -145,11 +143,19 @@ class Shadow:
             "told_seconds": self.moved_s,
             "gaps": self.gaps.tolist(),
             "taught": self.taught,
+            "differences": [each.as_dict() for each in self.differences],
             "notes": list(self.notes),
         }
 
 
-def shadow(log: Log, belief: Belief, *, learning: bool = False, replaying: bool = True) -> Shadow:
+def shadow(
+    log: Log,
+    belief: Belief,
+    *,
+    learning: bool = False,
+    replaying: bool = True,
+    reference: Belief | None = None,
+) -> Shadow:
     """Run the twin on a log.
 
     Args:
@@ -158,11 +164,13 @@ def shadow(log: Log, belief: Belief, *, learning: bool = False, replaying: bool 
         learning: Whether it was identified from a log, so that it learns from the beginning of
             this one what that left open; the verdict is on the remainder.
         replaying: Whether replays are made. They show how far the twin strays; alarms need none.
+        reference: The twin learned from the reference log; where the twin learns, the beginning of
+            the log is compared with it.
 
     Raises:
         LogError: If the log is broken, too short, or does not say what was commanded.
     """
-    follower = Follower(belief, learning=learning, replaying=replaying)
+    follower = Follower(belief, learning=learning, replaying=replaying, reference=reference)
     follower.judge(log, whole=True)
     result = follower.result
     if not len(result.tests.soft) and not len(result.gaps):
@@ -177,11 +185,21 @@ class Follower:
         belief: The twin.
         learning: Whether it learns at first what an identification left open.
         replaying: Whether replays are made, which alarms do not need.
+        reference: The twin learned from the reference log, with which the beginning of a log that
+            is learned from is compared; None for no comparison.
     """
 
-    def __init__(self, belief: Belief, *, learning: bool = False, replaying: bool = True) -> None:
+    def __init__(
+        self,
+        belief: Belief,
+        *,
+        learning: bool = False,
+        replaying: bool = True,
+        reference: Belief | None = None,
+    ) -> None:
         self.result = Shadow(SequentialTests(belief))
         self._belief, self._learning, self._replaying = belief, learning, replaying
+        self._reference = reference
         self._windows: Windows | None = None
         self._screen: FrictionMap | None = None
         self._ball = self._other = NO_EVIDENCE
@@ -203,9 +221,7 @@ class Follower:
             LogError: If there is too little yet, or the ball is off the screen.
         """
         now = float(log.time[-1])
-        walls = self._belief.scenario.plant.reach.narrowed(log.walls.ends)
-        own = replace(log, model=self._belief.model, walls=walls)
-        usable = self._of_late(prepare(own), now)
+        usable = self._of_late(prepare_for(log, self._belief), now)
         until = np.inf if whole else now - PENDING_S
         result = self.result
         result.source, result.length = usable.source, usable.length
@@ -225,8 +241,10 @@ class Follower:
             raise LogError(
                 f"{log.source}: must be longer than the {LEARNING_S:g} s in which the twin learns"
             )
-        parts = (each.between(-np.inf, until) for each in log.segments)
-        first = replace(log, segments=tuple(p for p in parts if p.length > MIN_SEGMENT_S))
+        first = beginning(log)
+        if self._reference is not None:
+            found = compare_with_reference(first, self._reference, self.result.gaps)
+            self.result.differences = found
         before, self._belief = self._belief, learn(first, self._belief, self.result.gaps)
         self.result.taught = taught(before, self._belief)
         self.result.tests = SequentialTests(self._belief)
@@ -402,89 +420,3 @@ def _median(found: Replays | None, of: Callable[[Replays], Array]) -> float | No
     if found is None or not found.counted.any():
         return None
     return float(np.median(of(found)[found.counted]))
-
-
-def learn(log: PreparedLog, belief: Belief, gaps: Array) -> Belief:
-    """The twin after the beginning of a log.
-
-    Args:
-        log: That beginning.
-        belief: As it was identified.
-        gaps: Of the log.
-    """
-    tried: list[tuple[float, Belief]] = []
-    for percent in UNEVENNESS_PERCENT:
-        belief, likelihood = _fit_belief(log, _on_screen(belief, percent), gaps)
-        tried.append((likelihood, belief))
-    return max(tried, key=lambda each: each[0])[1]
-
-
-def _on_screen(belief: Belief, percent: float) -> Belief:
-    """The same twin on a screen that is uneven by so much."""
-    tables = belief.scenario.model_dump(mode="json")
-    new = [("plant.surface.spread_percent", percent)]
-    own = Belief.of(check(put(tables, new), "the twin"), belief)
-    keep = ("values", "lag", "play", "turned", "screen", "encoders", "disturbance", "unit")
-    return replace(own, **{name: getattr(belief, name) for name in keep})
-
-
-def _fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, float]:
-    """The twin put where a log puts it, and the logarithm of how likely that makes the log."""
-    likelihood, covariance = 0.0, belief.uncertainty
-    for _ in range(EXPANSION_ROUNDS):
-        windows, _ends = ball_windows(log, belief, gaps)
-        ball = NO_EVIDENCE if windows is None else ball_evidence(windows, belief)
-        others = [plate_evidence(log, belief, gaps), noise_evidence(log, belief, gaps)]
-        soft, open_to = ball.softened(belief.changing), np.diag((belief.unit * OPEN_STD) ** 2)
-        every = Evidence.concatenate([soft, Evidence.join(others).softened(belief.changing)])
-        own, sums = (
-            (each.information.sum(axis=0), each.score.sum(axis=0)) for each in (soft, every)
-        )
-        likelihood = float(soft.height.sum() + log_evidence(*own, open_to))
-        if windows is not None:
-            pushed = unknown_motion(windows, belief.values["delay"])
-            size = float(np.hypot(belief.rough, belief.sloped))
-            within = np.eye(pushed.shape[-1]) + size**2 * np.swapaxes(pushed, -1, -2) @ pushed
-            likelihood -= float(np.linalg.slogdet(within)[1].sum()) / 2
-        mean, covariance = posterior(*sums, open_to)
-        belief = shift_parameters(belief, mean)
-    unsure = np.sqrt(belief.constant**2 + np.diag(covariance))
-    return replace(belief, constant=unsure), likelihood
-
-
-def taught(before: Belief, after: Belief) -> str:
-    """Describe what a twin has learned, in a sentence."""
-    old, new = before.values, after.values
-    levels = np.degrees([new[name] - old[name] for name in LEVELS[: after.scenario.plant.axes]])
-    level = " and ".join(f"{each:+.2f}" for each in levels)
-    return (
-        f"The first {LEARNING_S:g} s moved the twin to this log (rolling "
-        f"friction {100 * (new['rolling'] / old['rolling'] - 1):+.0f} %, dead time "
-        f"{1000 * (new['delay'] - old['delay']):+.0f} ms, level {level} deg, tilt gain "
-        f"{100 * (new['gain'] / old['gain'] - 1):+.0f} %, a screen "
-        f"uneven by {after.scenario.plant.surface.spread_percent:g} %): its identification left "
-        "that open, or the rig has changed since; only what comes later is evaluated."
-    )
-
-
-def shift_parameters(belief: Belief, by: Array) -> Belief:
-    """The twin with other parameters.
-
-    Args:
-        belief: The twin.
-        by: What is added to ``PARAMETERS``, shape (P,).
-    """
-    off = dict(zip(WATCHED_PARAMETERS, by.tolist(), strict=True))
-    values = dict(belief.values)
-    for name in BALL_BELIEFS:
-        least = MIN_FRICTION_SHARE * values[name] if name == "rolling" else BOUNDS[name].least
-        values[name] = float(np.clip(values[name] + off[name], least, BOUNDS[name].most))
-    gap = off["narrow_play"] * PLAY_WIDTHS_RAD[0] + off["wide_play"] * PLAY_WIDTHS_RAD[1]
-    return replace(
-        belief,
-        values=values,
-        lag=max(0.0, belief.lag + off["lag"]),
-        play=max(0.0, belief.play + gap),
-        turned=belief.turned + off["transmission"],
-        screen=belief.screen * np.exp(2 * off["noise"]),
-    )

@@ -28,8 +28,11 @@ from twin.identify.twin_model import identify_twin
 from twin.identify.verdicts import IDENTIFIED_VERDICT, Identification
 from twin.run.files import run_name
 from twin.scenario.load import load
+from twin.shadow.belief import Belief
+from twin.shadow.evidence import gaps
 from twin.shadow.follow import Shadow
-from twin.shadow.report import examine_log, make_twin, read_watched
+from twin.shadow.learning import learn, prepare_for
+from twin.shadow.report import examine_log, make_twin, read_watched, watched_twin
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.rim import NO_ENDS, Ends
 
@@ -257,6 +260,23 @@ def learn_reference(
     return Reference(found, file, on, ends, assumed)
 
 
+def learn_twin(
+    recorded: Log | AnyLog,
+    overrides: Sequence[str] = (),
+    *,
+    ball: str | float | None = None,
+    ends: Sequence[Ends] = (),
+) -> Belief:
+    """The twin of a rig after all of a reference log; arguments and errors as of ``examine_log``.
+
+    It is what the beginnings of other logs are compared with. An identification leaves some
+    parameters open, and its model has other errors than the twin.
+    """
+    log, belief = watched_twin(recorded, overrides, ball, ends)
+    usable = prepare_for(log, belief)
+    return learn(usable, belief, gaps(log, usable.period))
+
+
 def _ball_of(on: str) -> BallPlate | None:
     """The ball of a rig, or file of parameters; None without one.
 
@@ -317,15 +337,19 @@ def examine_by_reference(
         make_twin(each, (*rigs, *others), ball)
     with stage(f"identifying from {run_name(reference)}") as advance:
         learned = learn_reference(first, folder, on=on, ball=ball, progress=advance)
+    twin = (*learned.overrides, *others)
+    with stage(f"the twin of {run_name(reference)}"):
+        healthy = learn_twin(first, twin, ball=ball, ends=learned.ends)
     found = {}
     for log, each in watched.items():
         with stage(f"the twin of {run_name(log)}"):
             found[run_name(log)] = examine_log(
                 each,
                 logs[log],
-                (*learned.overrides, *others),
+                twin,
                 ball=ball,
                 learning=True,
                 ends=learned.ends,
+                reference=healthy,
             )
     return learned, found

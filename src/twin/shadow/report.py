@@ -39,8 +39,9 @@ from twin.shadow.belief import (
     twin_for_log,
 )
 from twin.shadow.causes import Alarm
-from twin.shadow.follow import DIAGNOSIS_S, LEARNING_S, PENDING_S, LiveFollower, Shadow, shadow
+from twin.shadow.follow import DIAGNOSIS_S, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
+from twin.shadow.learning import LEARNING_S, SHOWN_LIMITS
 from twin.sim.plant.rim import Ends
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
@@ -222,6 +223,7 @@ def sentences(found: Shadow) -> list[str]:
         )
     if found.verdict == "healthy":
         words += indistinguishable(found)
+    words += _compared(found)
     words += [found.taught] if found.taught and found.verdict != "cannot tell" else []
     words += [f"Reality has left the model. Alarm at {alarm.words}." for alarm in found.alarms]
     score, inside, error = found.score_median, found.inside_band, found.error_1s
@@ -239,6 +241,23 @@ def sentences(found: Shadow) -> list[str]:
         )
     words += [f"{found.wall_note.capitalize()}."] if found.wall_note else []
     return words
+
+
+def _compared(found: Shadow) -> list[str]:
+    """How the beginning of a log compares with its reference, in a sentence; none without one."""
+    if not found.differences:
+        return []
+    changed = [each.words for each in found.differences if each.significant]
+    if changed:
+        return [
+            f"Differs from the reference since its first row: {'; '.join(changed)}. A rig that is "
+            f"the same differs by less in its first {LEARNING_S:g} s."
+        ]
+    sizes = [each.least for each in found.differences if each.name in SHOWN_LIMITS]
+    return [
+        f"The first {LEARNING_S:g} s agree with the reference; not distinguishable from it: a "
+        f"difference of {', of '.join(sizes)}."
+    ]
 
 
 def indistinguishable(found: Shadow) -> list[str]:
@@ -376,6 +395,25 @@ def examine(
     return examine_log(logged, folder, overrides, ball=ball, learning=learning)
 
 
+def watched_twin(
+    logged: Log | AnyLog,
+    overrides: Sequence[str] = (),
+    ball: str | float | None = None,
+    ends: Sequence[Ends] = (),
+) -> tuple[Log, Belief]:
+    """A log as its twin sees it, with the walls that it shows, and that twin.
+
+    Arguments and errors as of ``examine_log``.
+    """
+    recorded, belief = make_twin(logged, overrides, ball)
+    walls = recorded.walls
+    if isinstance(logged, AnyLog):
+        walls = walls.narrowed(find_ends(logged.axes))
+    elif not recorded.scenario:  # a run knows its walls
+        walls = walls.narrowed(find_ends(recorded))
+    return replace(recorded, walls=walls.narrowed(ends) if ends else walls), belief
+
+
 def examine_log(
     logged: Log | AnyLog,
     folder: Path,
@@ -384,6 +422,7 @@ def examine_log(
     ball: str | float | None = None,
     learning: bool = False,
     ends: Sequence[Ends] = (),
+    reference: Belief | None = None,
 ) -> Shadow:
     """Run the twin on a log that was read by ``read_watched``, and write its report.
 
@@ -395,19 +434,15 @@ def examine_log(
         learning: Whether the twin learns before it evaluates.
         ends: Where end stops or rims stop the ball along x and y, m, as another log shows them; a
             log that is no run may show more.
+        reference: The twin learned from a reference log, with which the beginning is compared.
 
     Raises:
         TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
     """
-    recorded, belief = make_twin(logged, overrides, ball)
-    walls = recorded.walls
-    if isinstance(logged, AnyLog):
-        walls, learning = walls.narrowed(find_ends(logged.axes)), True
-    elif not recorded.scenario:  # a run knows its walls
-        walls = walls.narrowed(find_ends(recorded))
-    recorded = replace(recorded, walls=walls.narrowed(ends) if ends else walls)
+    recorded, belief = watched_twin(logged, overrides, ball, ends)
+    learning = learning or isinstance(logged, AnyLog)
     identified = any(text.partition("=")[0].strip() == "parameters" for text in overrides)
-    found = shadow(recorded, belief, learning=learning or identified)
+    found = shadow(recorded, belief, learning=learning or identified, reference=reference)
     write(found, folder)
     return found
 
