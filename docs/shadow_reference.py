@@ -27,7 +27,8 @@ from docs.pages import HERE, filled, kept, wilson, write
 from docs.shadow_trials import DELAY, FAMILY, HEALTHY, HEALTHY_SCENARIOS, LEVEL, ROLLING, _whole
 from twin.base.errors import TwinError
 from twin.cli.output import progress
-from twin.identify.logs import Log, ball_inertia
+from twin.identify.balls import ball_inertia
+from twin.identify.logs import Log
 from twin.scenario.load import load
 from twin.scenario.schema import at_study_step
 from twin.shadow.belief import logs

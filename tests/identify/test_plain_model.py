@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from twin.identify.axis_logs import AxisLog, EndStops
 from twin.identify.command_model import TiltHistory
 from twin.identify.least_squares import FitProblem, fit_starts
-from twin.identify.logs import AxisLog, EndStops
 from twin.identify.plain_model import AxisProblem
 from twin.identify.windows import axis_windows
 
