@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import pytest
 
 
-@dataclass
+@dataclass(eq=False)
 class LeftOut:
     """Listens where the results of all processes arrive.
 
