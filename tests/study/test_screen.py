@@ -131,7 +131,7 @@ def test_sobol_indices_come_from_both_plants():
 def test_points_that_fail_on_one_plant_only_leave_no_estimate_from_both():
     found, _ = screened(study(), runs=Runs(mechanism_limit=3.0))
     assert not found.joined
-    assert "fail on one of them only" in found.notes[0]
+    assert "a run fails on one of them only" in found.notes[0]
     assert found.biases
 
 
@@ -196,7 +196,7 @@ def test_what_cannot_be_screened_is_refused_in_one_line(more, words):
     for wrong in (1, 2.5, "x"):
         with pytest.raises(ScenarioError, match="screen: must be a whole number from 2 to 1000"):
             Screen(Work(study(samples=4)), wrong)
-    with pytest.raises(ScenarioError, match="engine: not with screen"):
+    with pytest.raises(ScenarioError, match="engine c: not with screen"):
         bp.study(study(samples=4).model_dump(exclude_unset=True), screen=2, engine="c")
 
 
