@@ -51,7 +51,7 @@ from twin.study.schema import draw_rigs, read_family
 from twin.study.work import digest
 
 DRAWS = {"calibration": 63_001, "judged": 63_002}
-"""Of the rigs."""
+"""Seeds of the draws of rigs."""
 REFERENCE_S, OTHER_S = 30.0, LEARNING_S + 1.0
 """Seconds of a reference log, and of another log."""
 TOGETHER = 5
@@ -292,7 +292,6 @@ def page(
         stds=MAX_CHANCE_STDS,
         rigs=len({row["number"] for row in judged}),
         mute=sum(bool(row["why"]) for row in judged),
-        scenarios=HEALTHY_SCENARIOS,
         healthy=healthy_table(fine),
         changed=changed_table(changed),
         alarmed=[

@@ -103,7 +103,7 @@ def test_between_end_stops_a_rolling_ball_shows_friction_and_camber():
 
 @pytest.mark.long
 def test_the_gain_of_a_plain_model_holds_on_rigs_with_friction_camber_and_lever():
-    """Rigs that nothing was chosen on; three of 24 outside are as many as one in 20 gives."""
+    """Rigs that nothing was chosen on; four of 24 outside have a chance of 3 % at 95 %."""
     before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
     held = 0
     for seed in range(400, 424):

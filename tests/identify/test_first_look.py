@@ -214,6 +214,10 @@ def test_intervals_include_what_a_term_that_is_left_out_would_change(axis_log):
     assert changes[-1] == pytest.approx(0.1, abs=0.02)
     moved = within.value("gain") - without.value("gain")
     assert changes[0] == pytest.approx(moved, rel=0.3)
+    # a fit that is at no minimum, as one to predictions, is not moved to one
+    theta = without.found.theta * np.where(np.array(names) == "gain", 1.1, 1.0)
+    elsewhere = replace(without, found=without.found._replace(theta=theta))
+    assert find_term(elsewhere, "camber")[0][0] == pytest.approx(changes[0], rel=0.3)
     told = {each.name: each for each in _assess_axis(without, "x", "rad")}
     scale, half = without.problem.tilt.scale, without.estimate().half_width[0]
     ends = (without.value("gain") + np.array([min(changes[0], 0), max(changes[0], 0)])) / scale

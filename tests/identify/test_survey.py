@@ -53,7 +53,7 @@ def test_the_suggested_line_keeps_what_was_typed(tmp_path, monkeypatch):
     assert shlex.split(found["command"])[-2] == "--columns"
 
 
-def test_gaps_doubled_stamps_and_steps_back_are_counted(tmp_path):
+def test_gaps_repeated_stamps_and_steps_back_are_counted(tmp_path):
     time = T.copy()
     time[50:] += 1.5
     time[101] = time[100]
@@ -61,7 +61,7 @@ def test_gaps_doubled_stamps_and_steps_back_are_counted(tmp_path):
     (line,) = survey(write(tmp_path / "a.csv", "t,x,u", time, X, U)).notes
     assert line.startswith("t: 50 rows per s over")
     assert "1 gap, the longest 1.52 s" in line
-    assert "1 doubled stamps" in line
+    assert "1 repeated stamp" in line
     assert "1 step back" in line
 
 
@@ -92,6 +92,8 @@ NAMES = {
     "t,ref_x,ref_y,meas_x,meas_y,cmd_x,cmd_y": "meas_x meas_y cmd_x cmd_y",
     "t,ballX,ballY,plateRoll,platePitch": "ballX ballY plateRoll platePitch",
     "t,servo1,servo2,servo3,x_px,y_px,tilt_x,tilt_y": "x_px y_px tilt_x tilt_y",
+    "t,servo_a,servo_b,servo_c,x,y,tilt_x,tilt_y": "x y tilt_x tilt_y",
+    "t,motor0,motor1,motor2,motor3,x,y": "x y - -",
     "t,kugel_x,kugel_y,soll_x,soll_y,winkel_x,winkel_y": "kugel_x kugel_y winkel_x winkel_y",
     "t,data.0,data.1,data.2,pos.1,pos.2,cmd.1,cmd.2": "pos.1 pos.2 cmd.1 cmd.2",
     "t,xpos,ypos,servox,servoy": "xpos ypos servox servoy",

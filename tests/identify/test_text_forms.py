@@ -134,6 +134,15 @@ def test_rows_that_share_the_stamps_of_a_coarse_clock_are_spread_evenly(tmp_path
     assert any("rows share each stamp" in note for note in log.notes)
 
 
+def test_rows_before_a_pause_of_a_coarse_clock_do_not_fill_it(tmp_path):
+    t = np.where(T < 2.0, T, T + 20.0)
+    file = tmp_path / "a.csv"
+    lines = [f"{np.floor(at + 1e-9):.0f},{x},{u}" for at, x, u in zip(t, X, U, strict=True)]
+    file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
+    axis = read_any(file, wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg")).axes["x"]
+    assert axis.sampled == pytest.approx(t, abs=0.021)
+
+
 def test_single_stamps_that_repeat_are_left_out_as_before(tmp_path):
     stamps = T.copy()
     stamps[101::50] = stamps[100::50][: len(stamps[101::50])]

@@ -52,7 +52,7 @@ def test_lines_that_are_cut_are_left_out(tmp_path):
     file.write_text("\n".join([*lines[:-1], lines[-1][:9]]), encoding="utf-8")
     table = foreign_table(file)
     assert len(table.columns["t"]) == len(T) - 1
-    assert table.notes == ("1 lines left out: no JSON",)
+    assert table.notes == ("1 line left out: not JSON",)
 
 
 @pytest.mark.parametrize(

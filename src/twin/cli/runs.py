@@ -376,7 +376,7 @@ def new(kind: str, name: str, like: str | None) -> int:
         start = start._replace(**LAW_STARTS[like])
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
-        raise ScenarioError(f"{file}: exists; nothing was list_written, choose another NAME")
+        raise ScenarioError(f"{file}: exists; nothing was written, choose another NAME")
     for table in CATALOG_TABLES if start.called[0] else ():
         if taken := choices(table).get(name):
             raise ScenarioError(f"{kind} '{name}': the name is taken by {taken.__module__}")

@@ -25,6 +25,8 @@ MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
 MIN_SHARED_STAMPS, MIN_WHOLE_SHARE = 0.9, 0.95
 """Share of stamps with more than one row above which a clock is coarse, and the smallest share of
 rows of such a log that have a command."""
+MAX_STAMP_RATIO = 1.5
+"""Time between two stamps of a coarse clock, over the usual one, above which rows are missing."""
 SPEED_WINDOW_S = 0.2
 """Time in s over which a speed is seen."""
 REST_SPEED_M_S = 0.005
@@ -256,7 +258,10 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     columns = {role: values[there] for role, values in columns.items()}
     false = _find_false_times(columns["time"])
     if false.any():
-        notes.append(f"{plural(int(false.sum()), 'row')} left out whose time is between no others")
+        notes.append(
+            f"{plural(int(false.sum()), 'row')} left out: the time is far from that of both "
+            "neighbours"
+        )
     columns = {role: values[~false] for role, values in columns.items()}
     time: Array = columns["time"] - columns["time"][:1]
     back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
@@ -287,8 +292,8 @@ def _find_false_times(time: Array) -> Mask:
 def _spread_coarse_stamps(time: Array, columns: Mapping[str, Array], notes: list[str]) -> Array:
     """Times of rows that share stamps nearly everywhere, as of a clock in whole seconds, spread.
 
-    The first row of each stamp keeps it, and the others follow evenly. Rows without a command are
-    halves of one row and stay, see ``_join_rows_of_one_time``.
+    The first row of each stamp but the first keeps it, and the others follow evenly. Where rows
+    lack a command, two of one time may be one row, and all stay: see ``_join_rows_of_one_time``.
 
     Args:
         time: Of the rows, s, shape (K,).
@@ -301,15 +306,18 @@ def _spread_coarse_stamps(time: Array, columns: Mapping[str, Array], notes: list
     counts = np.diff(first)
     if len(first) < 4 or not whole or np.mean(counts > 1) < MIN_SHARED_STAMPS:
         return time
-    spread = np.interp(np.arange(len(time)), first, time[first])
-    step = float(np.median(np.diff(time[first]))) / float(np.median(counts))
-    # the first stamp may begin earlier than the log, and the last one ends with it
-    early, late = np.arange(first[1]), np.arange(first[-1], len(time))
+    apart = np.diff(time[first])
+    usual = float(np.median(apart))
+    step = usual / float(np.median(counts))
+    # rows before a pause do not fill it, and the last stamp ends with the log
+    steps = np.append(np.where(apart < MAX_STAMP_RATIO * usual, apart / counts, step), step)
+    which = np.cumsum(np.diff(time, prepend=-np.inf) != 0) - 1
+    spread = time + steps[which] * (np.arange(len(time)) - first[which])
+    # the first stamp may begin earlier than the log
+    early = np.arange(first[1])
     spread[early] = time[first[1]] - step * (first[1] - early)
-    spread[late] = time[first[-1]] + step * (late - first[-1])
     notes.append(
-        f"about {np.median(counts):g} rows share each stamp of {np.median(np.diff(time[first])):g} "
-        "s: taken as evenly spread"
+        f"about {np.median(counts):g} rows share each stamp of {usual:g} s: taken as evenly spread"
     )
     return np.asarray(spread)
 

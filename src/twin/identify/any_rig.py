@@ -774,11 +774,12 @@ def _assess_axis(
         word = f"{label} give a different value, which the interval includes: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     for term, changes in _find_left_out_terms(fit, selection):
+        key = PLAIN_PARAMETERS[term].key
         moved = np.append(changes, changes[pair].sum()) if len(rows) > len(names) else changes
         low, high = low + np.minimum(moved, 0.0), high + np.maximum(moved, 0.0)
         reasons = [
             each
-            + [f"the interval includes what a small {PLAIN_PARAMETERS[term].key} would change"]
+            + [f"the interval includes what a {key} term too small to be fitted would change"]
             * bool(abs(by) > half)
             for each, by, half in zip(reasons, moved, own.half_width, strict=True)
         ]
@@ -841,7 +842,8 @@ def _assess_axis(
 def _find_left_out_terms(fit: AxisFit, selection: AxisSelection) -> list[tuple[str, Array]]:
     """Optional terms that a fit has not, and by how much each would change its parameters.
 
-    A term too small to be significant still moves the others: a damping, the delay.
+    A term too small to be significant still moves the others: a damping, the delay. Windows with a
+    level of their own show no term.
 
     Args:
         fit: Of an axis, P parameters.

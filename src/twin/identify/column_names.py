@@ -13,10 +13,10 @@ _WORDS = {
     kind: frozenset(words) for kind, words in read_toml(Path(__file__).with_suffix(".toml")).items()
 }
 """Kind of words to the words in small letters, see the file."""
-NUMBERINGS = ("0123", "123", "abc", "uv")
+NUMBERINGS = ("012345", "123456", "abcdef", "uv")
 """Letters and digits that number columns: the first is along x, the second along y."""
 WEAK_NAMES = {frozenset({"r"}): ("measured", 0.4), frozenset({"output"}): ("command", 0.4)}
-"""Names that often are something else, with their kind and weight where there is no other."""
+"""Words that often mean something else: kind and weight of a column without any other word."""
 SINGLE_NAMES = {
     "time": re.compile(r"x_value"),  # of LabVIEW
     "touched": re.compile(r"touch(ed)?|seen|visible|valid|detected"),
@@ -84,7 +84,8 @@ def _split(name: str) -> tuple[str, ...]:
     for word in re.findall(r"[^\W\d_]+|\d+", apart):
         joined = _JOINED.fullmatch(word)
         whole = word in _WORDS["ball"] and word != apart
-        if joined and joined[2] and not whole:
+        by_letter = joined and joined[2] in _LETTERS and not (joined[1] or joined[3])
+        if joined and joined[2] and not whole and not by_letter:
             inner = (_LETTERS.get(part, part) for part in _PART.findall(joined[2]))
             parts = (joined[1], *inner, joined[3])
             found += filter(None, parts)
@@ -96,7 +97,7 @@ def _split(name: str) -> tuple[str, ...]:
 def _number(split: Sequence[tuple[str, ...]]) -> Iterator[tuple[int, tuple[tuple[str, ...], str]]]:
     """Columns that are numbered: index, the words without the number, and the axis.
 
-    The axis of the third of three positions is ``z``, and that of each of the drives of three legs,
+    The axis of the third of three positions is ``z``, and that of each of three or more drives,
     none of which tilts the plate along one axis.
     """
     groups: dict[tuple[str, ...], dict[str, int]] = {}
@@ -108,7 +109,8 @@ def _number(split: Sequence[tuple[str, ...]]) -> Iterator[tuple[int, tuple[tuple
             found = [members[each] for each in numbering if each in members]
             if len(found) < 2 or numbering[0] not in members:
                 continue
-            axes = "zzz" if len(found) > 2 and _WORDS["drive"] & set(words) else "xyz"
+            legs = len(found) > 2 and _WORDS["drive"] & set(words)
+            axes = "z" * len(found) if legs else "xyz"
             if words == ("y",):  # y1 and y2 are outputs, x1 and x2 states
                 yield from ((k, ((), axis)) for axis, k in zip(axes, found, strict=False))
             elif not {"x", "y"} & set(words):
@@ -124,7 +126,7 @@ def _suggest(name: str, words: tuple[str, ...], axis: str) -> Suggestion | None:
     if axis == "z":
         return None
     every = set(words)
-    if every & _WORDS["time"] and words[-1] in _WORDS["time"]:
+    if words and words[-1] in _WORDS["time"]:
         named = every & (_WORDS["derived"] | _WORDS["drive"])
         return None if named else Suggestion("time", "", 2.0 - 0.1 * len(words), counts=False)
     stated = every & {"x", "y"}

@@ -1170,16 +1170,19 @@ def _thin_prediction_times(
     return every[:: max(1, -(-len(every) // fitting.prediction.max_predictions))]
 
 
-def find_term(fit: AxisFit, name: str) -> tuple[Array, Array]:
-    """Next step of a fit that has one term more, which begins at zero.
+def find_term(fit: AxisFit, name: str) -> tuple[Array, float]:
+    """A term that a fit has not, by its next step from zero, and what it changes in the fit.
+
+    The changes are those of the omitted-variable bias, -N_pp^-1 N_pt t with the normal matrix N and
+    the term t: a fit to predictions, which is at no minimum for its windows, is not moved to one.
 
     Args:
         fit: Without the term, P parameters.
         name: The term.
 
     Returns:
-        Changes of the parameters and, last, the term; and their standard deviations, as of white
-        residuals; shapes (P + 1,).
+        Changes of the parameters and, last, the term, shape (P + 1,); and the term's standard
+        deviation, as of white residuals.
     """
     problem = replace(fit.problem, names=(*fit.problem.names, name))
     theta = np.append(fit.found.theta, [[0.0]], axis=1)
@@ -1188,13 +1191,15 @@ def find_term(fit: AxisFit, name: str) -> tuple[Array, Array]:
     each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
     normal = each[1:, 1:] + np.diag(problem.known[1] + 1e-9)
     inverse = np.linalg.inv(normal)
-    return -inverse @ each[1:, 0], np.sqrt(np.diagonal(inverse))
+    term = -inverse[-1] @ each[1:, 0]
+    changes = -term * np.linalg.solve(normal[:-1, :-1], normal[:-1, -1])
+    return np.append(changes, term), float(np.sqrt(inverse[-1, -1]))
 
 
 def find_significance(fit: AxisFit, name: str) -> float:
     """Standard deviations by which the next step of a fit would move a parameter from zero."""
-    changes, stds = find_term(fit, name)
-    return float(abs(changes[-1]) / stds[-1])
+    changes, std = find_term(fit, name)
+    return float(abs(changes[-1]) / std)
 
 
 def find_clock_drift(fit: AxisFit) -> tuple[float, float]:

@@ -179,7 +179,7 @@ def survey(
 
 
 def _describe_times(name: str, time: Array) -> list[str]:
-    """Rate, gaps, doubled stamps and resets of times in s, in words."""
+    """Rate, gaps, repeated stamps and resets of times in s, in words."""
     steps = np.diff(time[np.isfinite(time)])
     rising = steps[steps > 0]
     if not len(rising):
@@ -190,7 +190,7 @@ def _describe_times(name: str, time: Array) -> list[str]:
     if len(gaps):
         remarks.append(f"{plural(len(gaps), 'gap')}, the longest {gaps.max():.3g} s")
     if doubled := int((steps == 0).sum()):
-        remarks.append(f"{doubled} doubled stamps, of which the first row is taken")
+        remarks.append(plural(doubled, "repeated stamp"))
     if resets := int((steps < 0).sum()):
         remarks.append(f"{plural(resets, 'step')} back")
     return [f"{name}: {', '.join(remarks)}"]

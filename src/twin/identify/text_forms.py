@@ -35,17 +35,17 @@ def plain_lines(text: str) -> list[str]:
         text: All of it.
     """
     lines = list(filter(str.strip, text.splitlines()))
-    if _are(lines, lambda line: RECEIVED.fullmatch(line) is not None):
+    if _most_are(lines, lambda line: RECEIVED.fullmatch(line) is not None):
         lines = [_with_clock(line) for line in lines]
-    if _are(lines, lambda line: _labelled(line) is not None):
+    if _most_are(lines, lambda line: _labelled(line) is not None):
         return _without_names(lines)
-    if _are(lines, _is_wrapped):
+    if _most_are(lines, _is_wrapped):
         lines = [found[1] if (found := WRAPPED.fullmatch(line)) else line for line in lines]
     return _without_comments(lines)
 
 
-def _are(lines: list[str], is_one: Callable[[str], bool]) -> bool:
-    """Whether the lines in the middle of a text are of a form."""
+def _most_are(lines: list[str], is_one: Callable[[str], bool]) -> bool:
+    """Whether most lines in the middle of a text are of a form."""
     some = [line for line in lines if not line.lstrip().startswith(COMMENT_MARKS)]
     some = some[len(some) // 2 :][:LOOKED_AT_LINES]
     return bool(some) and sum(map(is_one, some)) > MOST_LINES_SHARE * len(some)
@@ -60,10 +60,10 @@ def _with_clock(line: str) -> str:
     between = next((sign for sign in ";\t," if sign in rest), " ")
     # the clock has a colon before its milliseconds in some versions
     clock = re.sub(r"[:,](?=\d+$)", ".", clock)
-    named = re.search(r"\d", rest) is None or _labelled(rest) is not None
     if _labelled(rest) is not None:
         return f"{RECEIVED_NAME}_s:{_seconds(clock)}{between}{rest}"
-    return f"{RECEIVED_NAME if named else clock}{between}{rest}"
+    names = re.search(r"\d", rest) is None
+    return f"{RECEIVED_NAME if names else clock}{between}{rest}"
 
 
 def _seconds(clock: str) -> str:
@@ -95,7 +95,7 @@ def _without_names(lines: list[str]) -> list[str]:
 
 
 def _is_wrapped(line: str) -> bool:
-    """Whether a line is in brackets, or ends in its only semicolon."""
+    """Whether a line begins with a bracket or as bytes of Python, or ends in its only semicolon."""
     return re.fullmatch(r"\s*(b['\"]|[\[({]).*|[^;]*;\s*", line) is not None
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.errors import plural
 from twin.base.foreign import decode_text
 from twin.run.readers import MAX_DEPTH, MAX_MATRIX_COLUMNS, ForeignTable, numbers_of, split_matrix
 from twin.run.record import check_size
@@ -54,7 +55,7 @@ def _read_lines(text: str, error: json.JSONDecodeError, notes: list[str]) -> Ite
     if bad >= good:
         raise ValueError(str(error))
     if bad:
-        notes.append(f"{bad} lines left out: no JSON")
+        notes.append(f"{plural(bad, 'line')} left out: not JSON")
 
 
 def _columns(name: str, value: Any, depth: int) -> Iterator[tuple[str, Array | list[str]]]:
