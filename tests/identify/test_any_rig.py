@@ -15,7 +15,7 @@ from ballplate import identify, run
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError, ScenarioError, TwinError
 from twin.cli.understand import identify as command
-from twin.identify import plain_model
+from twin.identify import drive_effects
 from twin.identify.any_logs import read_any
 from twin.identify.any_rig import (
     AxisIdentification,
@@ -25,24 +25,18 @@ from twin.identify.any_rig import (
     identify_axes,
     join_logs,
 )
+from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
+from twin.identify.axis_prediction import predict_axis, prediction_times, refit_for_prediction
+from twin.identify.axis_problem import AxisProblem
 from twin.identify.balls import ball_factor
 from twin.identify.command_model import TiltHistory, apply_play, drive_path
+from twin.identify.drive_effects import profile, profile_drives
 from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
 from twin.identify.log_columns import unit_factor, wanted_columns
 from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
-from twin.identify.plain_model import (
-    AXIS_FITTING,
-    AxisFit,
-    AxisProblem,
-    Profile,
-    fit_axis,
-    predict_axis,
-    prediction_times,
-    profile,
-    profile_drives,
-    refit_for_prediction,
-)
+from twin.identify.plain_model import AxisFit, fit_axis
+from twin.identify.profiles import Profile
 from twin.identify.report import sentences
 from twin.identify.verdicts import (
     BOUNDED_VERDICT,
@@ -444,10 +438,10 @@ def test_an_effect_that_gains_little_is_not_fitted_further(axis_of, monkeypatch,
         return replace(self, problem=replace(self.problem, names=names))
 
     monkeypatch.setattr(
-        plain_model, "profile", lambda *_, **__: Profile("play", names, theta, costs, 0)
+        drive_effects, "profile", lambda *_, **__: Profile("play", names, theta, costs, 0)
     )
     monkeypatch.setattr(AxisFit, "refit", refit)
-    found = plain_model._fit_effect(fit, "play", tried, 1.5)
+    found = drive_effects._fit_effect(fit, "play", tried, 1.5)
     assert bool(refitted) is fits
     assert (found is fit) is not fits
 

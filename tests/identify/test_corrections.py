@@ -19,7 +19,8 @@ from twin.identify.corrections import (
     find_correction,
 )
 from twin.identify.first_look import look_first
-from twin.identify.plain_model import find_admixture, fit_axis
+from twin.identify.further_terms import find_admixture
+from twin.identify.plain_model import fit_axis
 
 
 def test_a_correction_undoes_clock_turned_axes_and_a_bent_gain():

@@ -10,11 +10,11 @@ import pytest
 from docs.identify_errors import STEP_S, TUBE, Rig, simulate_log
 from twin.identify.any_rig import identify_axes
 from twin.identify.axis_logs import AnyLog, AxisLog, EndStops
+from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
 from twin.identify.end_stops import describe_stops, find_end_stops, find_ends
 from twin.identify.first_look import look_first
 from twin.identify.logs import of_columns
-from twin.identify.plain_model import AxisProblem
 from twin.identify.verdicts import IDENTIFIED_VERDICT
 from twin.identify.windows import axis_windows, spans, usual_free_time
 from twin.sim.plant.rim import NO_ENDS

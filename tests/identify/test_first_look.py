@@ -9,8 +9,11 @@ import pytest
 
 from twin.base.errors import LogError
 from twin.identify.any_rig import AXIS_SELECTION, _assess_axis, identify_axes
+from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
+from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
+from twin.identify.drive_effects import profile, profile_contenders
 from twin.identify.fallback import PLAIN_WHY
 from twin.identify.first_look import (
     WEAK_FORM,
@@ -18,17 +21,9 @@ from twin.identify.first_look import (
     look_plainly,
     look_plainly_in_several_ways,
 )
+from twin.identify.further_terms import find_significance, find_term
 from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
-from twin.identify.plain_model import (
-    AXIS_FITTING,
-    AxisFit,
-    AxisProblem,
-    find_significance,
-    find_term,
-    fit_axis,
-    profile,
-    profile_contenders,
-)
+from twin.identify.plain_model import AxisFit, fit_axis
 from twin.identify.windows import axis_windows, spans
 
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}

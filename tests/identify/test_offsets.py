@@ -9,11 +9,7 @@ from twin.identify.any_rig import identify_axes
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.offsets import find_offsets, take_out_offsets, tell_level_at_zero
 from twin.identify.parameters import plain_parameter
-from twin.identify.verdicts import (
-    IDENTIFIED_VERDICT,
-    NOT_IDENTIFIABLE,
-    ParameterVerdict,
-)
+from twin.identify.verdicts import IDENTIFIED_VERDICT, NOT_IDENTIFIABLE, ParameterVerdict
 
 PULSE_US, PULSE_US_PER_RAD = 1480.0, 600.0
 T = np.arange(0.0, 20.0, 0.02)

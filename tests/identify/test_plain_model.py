@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from twin.identify.axis_logs import AxisLog, EndStops
+from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
 from twin.identify.least_squares import FitProblem, fit_starts
-from twin.identify.plain_model import AxisProblem
 from twin.identify.windows import axis_windows
 
 NAMES = ("gain", "dead_time", "lag", "level", "friction", "play")

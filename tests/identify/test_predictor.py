@@ -9,16 +9,11 @@ import pytest
 from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
-from twin.identify import any_rig, plain_model, predictor
+from twin.identify import any_rig, axis_prediction, predictor
 from twin.identify.any_rig import identify_axes
 from twin.identify.axis_logs import AnyLog, AxisLog
-from twin.identify.plain_model import predict_axis, prediction_times
-from twin.identify.predictor import (
-    AxisPredictor,
-    choose_lead,
-    choose_predictor,
-    fit_five_numbers,
-)
+from twin.identify.axis_prediction import predict_axis, prediction_times
+from twin.identify.predictor import AxisPredictor, choose_lead, choose_predictor, fit_five_numbers
 
 PLAIN = Rig(
     seconds=14.0, rate=50.0, gain=6.0, dead_time=0.1, lag=0.0, friction=0.03, viscous=0.3, level=0.1
@@ -138,9 +133,9 @@ def test_a_model_that_explains_its_log_is_compared_as_well(monkeypatch, plain):
 
 
 def test_noise_of_a_log_that_is_explained_is_no_model_error(monkeypatch, plain):
-    monkeypatch.setattr(plain_model, "_median_error", lambda *_, **__: 0.01)
+    monkeypatch.setattr(axis_prediction, "_median_error", lambda *_, **__: 0.01)
     assert plain.explained
-    assert plain_model.refit_for_prediction(plain, 2.5) is plain
+    assert axis_prediction.refit_for_prediction(plain, 2.5) is plain
 
 
 def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):
@@ -191,8 +186,8 @@ def test_five_numbers_are_fitted_to_all_of_a_log(monkeypatch):
         begun.append(given[2])
         return problem(*given)
 
-    problem = plain_model._prediction_problem
-    monkeypatch.setattr(plain_model, "_prediction_problem", keep)
+    problem = axis_prediction._prediction_problem
+    monkeypatch.setattr(axis_prediction, "_prediction_problem", keep)
     fit_five_numbers(log, (0.0, 0.5))
     (at,) = begun
     assert at[0] - log.sampled[0] == pytest.approx(0.4, abs=0.01)
@@ -207,10 +202,10 @@ def test_five_numbers_begin_from_a_first_look_as_well(monkeypatch, plain):
         guesses.append(guess)
         return SimpleNamespace(x=guess, cost=1.0)
 
-    monkeypatch.setattr(plain_model, "least_squares", keep)
+    monkeypatch.setattr(axis_prediction, "least_squares", keep)
     seen = SimpleNamespace(gain=6.0, delay=0.1, level=0.1, friction=0.03, camber=0.0, damping=0.3)
     wrong = plain.found._replace(theta=plain.found.theta * np.array([0.2, 4, 1, 1, 1]))
-    plain_model.fit_to_predictions(replace(plain, found=wrong), seen)
+    axis_prediction.fit_to_predictions(replace(plain, found=wrong), seen)
     gain = 6.0 * plain.problem.tilt.scale
     assert guesses[0] == pytest.approx([gain, 0.1, 0.1, 0.3, 0.03], rel=1e-3)
 

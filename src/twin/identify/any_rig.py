@@ -15,29 +15,20 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate, corner_frequency
 from twin.base.errors import LogError
 from twin.base.page import digits
+from twin.identify.axis_fitting import AXIS_FITTING, AxisFitting
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
+from twin.identify.axis_prediction import cross_validate, prediction_times, refit_for_prediction
 from twin.identify.command_model import DRIVE_EFFECTS, PROFILED_EFFECTS, TiltHistory
 from twin.identify.corrections import find_correction
+from twin.identify.drive_effects import add_drive_effects, profile_drives
 from twin.identify.end_stops import describe_stops, find_end_stops
 from twin.identify.fallback import assess_plainly
 from twin.identify.first_look import FirstLook, look_first
+from twin.identify.further_terms import find_significance, find_term
 from twin.identify.least_squares import Estimate
 from twin.identify.offsets import take_out_offsets, tell_level_at_zero
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter, plain_parameter
-from twin.identify.plain_model import (
-    AXIS_FITTING,
-    SMOOTH_PARAMETERS,
-    AxisFit,
-    AxisFitting,
-    add_drive_effects,
-    cross_validate,
-    find_significance,
-    find_term,
-    fit_axis,
-    prediction_times,
-    profile_drives,
-    refit_for_prediction,
-)
+from twin.identify.plain_model import SMOOTH_PARAMETERS, AxisFit, fit_axis
 from twin.identify.predictor import (
     AxisPredictor,
     choose_lead,

@@ -16,7 +16,8 @@ from controllers.arrays import Array
 from twin.base.page import digits
 from twin.identify.axis_logs import AnyLog
 from twin.identify.command_model import TiltHistory
-from twin.identify.plain_model import AxisFit, find_admixture, find_clock_drift
+from twin.identify.further_terms import find_admixture, find_clock_drift
+from twin.identify.plain_model import AxisFit
 
 OTHER_AXIS = {"x": "y", "y": "x"}
 

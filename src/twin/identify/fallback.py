@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.base.errors import plural
+from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
@@ -16,7 +17,6 @@ from twin.identify.first_look import (
     look_with_levers,
 )
 from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
-from twin.identify.plain_model import AXIS_FITTING
 from twin.identify.verdicts import (
     GIVEN_VERDICT,
     IDENTIFIED_VERDICT,

@@ -18,20 +18,13 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.base.page import digits
+from twin.identify.axis_fitting import AXIS_FITTING, AxisFitting
 from twin.identify.axis_logs import AxisLog
+from twin.identify.axis_prediction import fit_to_predictions, predict_axis, prediction_times
+from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
-from twin.identify.plain_model import (
-    AXIS_FITTING,
-    AxisFit,
-    AxisFitting,
-    AxisProblem,
-    fit_from_guesses,
-    fit_to_predictions,
-    guess_from,
-    predict_axis,
-    prediction_times,
-)
+from twin.identify.plain_model import AxisFit, fit_from_guesses, guess_from
 from twin.identify.verdicts import HOLD_OUT, Predicted, absolute_quantile
 from twin.identify.windows import axis_windows
 
