@@ -34,10 +34,10 @@ from docs.shadow_trials import (
     RAMP,
     Settings,
     _changed,
-    _whole,
     alarms,
     judged_rigs,
     slowly,
+    whole_settings,
 )
 from twin.base.errors import TwinError
 from twin.base.jobs import cores, results
@@ -135,7 +135,9 @@ def judged(numbers: Sequence[int]) -> list[dict[str, Any]]:
     """What `ballplate identify` finds of rigs beside the truth: a row for each in JSON."""
     points = [each.point for each in draw_rigs(read_family(FAMILY), FRESH, max(numbers) + 1)]
     runs = [Watched(2 * FIRST + number, EXCITED, HEALTHY) for number in numbers]
-    pairs = [simulated(_whole(points[k]), run, 0) for k, run in zip(numbers, runs, strict=True)]
+    pairs = [
+        simulated(whole_settings(points[k]), run, 0) for k, run in zip(numbers, runs, strict=True)
+    ]
     return [
         {"number": number, **found_of(log, points[number])}
         for number, log in zip(numbers, logs(pairs), strict=True)
@@ -184,7 +186,7 @@ def carry_out(numbers: Sequence[int]) -> list[dict[str, Any]]:
     rigs = draw_rigs(read_family(FAMILY), DRAW, max(numbers) + 1)
     runs: list[tuple[int, Watched, tuple[Scenario, Scenario]]] = []
     for number in numbers:
-        true = _whole(rigs[number].point)
+        true = whole_settings(rigs[number].point)
         each = [Watched(FIRST + number, EXCITED, HEALTHY), *watched(number)]
         runs += [(number, run, simulated(true, run, n)) for n, run in enumerate(each)]
     recorded = list(zip(runs, logs([pair for *_, pair in runs]), strict=True))

@@ -24,7 +24,15 @@ from scipy.optimize import minimize
 
 from controllers.arrays import Array
 from docs.pages import HERE, filled, kept, wilson, write
-from docs.shadow_trials import DELAY, FAMILY, HEALTHY, HEALTHY_SCENARIOS, LEVEL, ROLLING, _whole
+from docs.shadow_trials import (
+    DELAY,
+    FAMILY,
+    HEALTHY,
+    HEALTHY_SCENARIOS,
+    LEVEL,
+    ROLLING,
+    whole_settings,
+)
 from twin.base.errors import TwinError
 from twin.cli.output import progress
 from twin.identify.balls import ball_inertia
@@ -130,7 +138,7 @@ def carry_out(draw: str, numbers: Sequence[int], *, identified: bool) -> list[di
             rig as the project describes it.
     """
     points = draw_rigs(read_family(FAMILY), DRAWS[draw], max(numbers) + 1)
-    true = {number: _whole(points[number].point) for number in numbers}
+    true = {number: whole_settings(points[number].point) for number in numbers}
     seeds = {number: 100 * (DRAWS[draw] + number) for number in numbers}
     first = simulate([(true[n], "excite", seeds[n]) for n in numbers], REFERENCE_S)
     work = [(n, each) for n in numbers for each in others(n, changed=draw == "judged")]

@@ -119,7 +119,7 @@ def rig(
         duration: Of the run in s.
     """
     rng = np.random.default_rng([seed, 18])
-    known = _usual(rng) if drawn is None else _whole(drawn)
+    known = _usual(rng) if drawn is None else whole_settings(drawn)
     true = _with_errors(known, rng)
     common = [f"duration={duration}", f"seed={seed}", *LAWS[law]]
     more = []
@@ -145,7 +145,7 @@ def _usual(rng: np.random.Generator) -> Settings:
     }
 
 
-def _whole(drawn: Drawn) -> Settings:
+def whole_settings(drawn: Drawn) -> Settings:
     """Settings with the numbers of a list put together."""
     whole: Settings = {}
     for key, value in drawn.items():

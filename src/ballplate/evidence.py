@@ -94,7 +94,7 @@ def write_trace(
         if live.missing or not ended:
             lost = "its last frames may be missing"
             if live.missing:
-                lost = f"of {plural(live.written, 'frame')} {live.missing} missing"
+                lost = f"{live.missing} of {plural(live.written, 'frame')} missing"
             reporter.warn(f"{file}: {lost}: {_blame(live)}")
             if incomplete is not None:
                 incomplete.append(f"{file.name}: {lost}: {_blame(live)}")

@@ -61,7 +61,8 @@ class DriveSearch:
             fitted further: it would not reduce the residual to ``accepted_residual_share``.
         white_share: The residuals count as white if the scatter of successive ones, over the
             scatter of white ones, is above this, or is what few white ones may have by chance. It
-            exceeds ``accepted_residual_share``: no drive effect would then be accepted.
+            exceeds ``accepted_residual_share``: no drive effect would then be accepted. Of a log
+            so short that chance alone allows less, a drive effect is not tried.
         white_stds: Standard deviations of that ratio below one that count as chance.
         scan_windows: Number of windows by which values of a profile are rejected in advance.
         bracket_rise: Smallest rise of the cost in any draw at which the profile of a fit with white

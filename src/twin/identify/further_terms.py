@@ -15,7 +15,8 @@ def find_term(fit: AxisFit, name: str) -> tuple[Array, float]:
     """A term that a fit has not, by its next step from zero, and what it changes in the fit.
 
     The changes are those of the omitted-variable bias, -N_pp^-1 N_pt t with the normal matrix N and
-    the term t: a fit to predictions, which is at no minimum for its windows, is not moved to one.
+    the term t: a fit to predictions, which is at no minimum for its windows, is not moved to one. A
+    parameter at its bound, as a friction of zero, stays there.
 
     Args:
         fit: Without the term, P parameters.
@@ -31,10 +32,16 @@ def find_term(fit: AxisFit, name: str) -> tuple[Array, float]:
     free, _ = line.eliminate_starts()
     each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
     normal = each[1:, 1:] + np.diag(problem.known[1] + 1e-9)
-    inverse = np.linalg.inv(normal)
-    term = -inverse[-1] @ each[1:, 0]
-    changes = -term * np.linalg.solve(normal[:-1, :-1], normal[:-1, -1])
-    return np.append(changes, term), float(np.sqrt(inverse[-1, -1]))
+    least, most = problem.bounds
+    inside = (theta[0] > least) & (theta[0] < most)
+    inside[-1] = True
+    free_terms, moved = np.flatnonzero(inside), np.flatnonzero(inside[:-1])
+    inverse = np.linalg.inv(normal[np.ix_(free_terms, free_terms)])
+    term = float(-inverse[-1] @ each[1:, 0][free_terms])
+    changes = np.zeros(len(inside))
+    changes[moved] = -term * np.linalg.solve(normal[np.ix_(moved, moved)], normal[moved, -1])
+    changes[-1] = term
+    return changes, float(np.sqrt(inverse[-1, -1]))
 
 
 def find_significance(fit: AxisFit, name: str) -> float:

@@ -622,7 +622,7 @@ def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Ref
         reference, motion = AlongX(reference), motion * ALONG_X
     farthest = np.abs(motion[0]).max(axis=0)
     if (farthest > area + 1e-9).any():
-        fits = "; --on and a rig with such an area make it smaller" if allowed is not None else ""
+        fits = "; a smaller rig (--on) makes it smaller" if allowed is not None else ""
         raise ScenarioError(
             f"reference: reaches |x|, |y| = {farthest[0]:.3f}, {farthest[1]:.3f} m; "
             f"rig.limits.area allows {area[0]:g}, {area[1]:g} m{fits}"
