@@ -213,7 +213,7 @@ def test_a_study_none_of_whose_runs_finish_says_so_instead_of_numbers(tmp_path) 
     assert found.whole.failed == 10
     assert found.indices == ()
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "of 10 runs 10 did not finish" in page
+    assert "10 of 10 runs did not finish" in page
     assert "nan" not in page.split("<h2>In all")[1].split("<svg")[0].lower()
 
 

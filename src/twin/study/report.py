@@ -229,8 +229,8 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
     for answer in found:
         if answer.whole.failed:
             words.append(
-                f"{answer.variant}: {answer.whole.failed} of {plural(answer.whole.runs, 'run')} did not "
-                "finish; its median and quantiles leave them out."
+                f"{answer.variant}: {answer.whole.failed} of {plural(answer.whole.runs, 'run')} did "
+                "not finish; its median and quantiles leave them out."
             )
         words += [f"{answer.variant}: {note}." for note in answer.notes]
     return words or ["All runs finished; see the curves."]
