@@ -227,10 +227,11 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
         words.append(f"By the median of {metric}, best first{how}: {', '.join(few)}.")
     words += _importance(study, found, metric)
     for answer in found:
-        if answer.whole.failed:
+        whole = answer.whole
+        if whole.failed:
             words.append(
-                f"{answer.variant}: {answer.whole.failed} of {plural(answer.whole.runs, 'run')} did "
-                "not finish; its median and quantiles leave them out."
+                f"{answer.variant}: {whole.failed} of {plural(whole.runs, 'run')} did not finish; "
+                "its median and quantiles leave them out."
             )
         words += [f"{answer.variant}: {note}." for note in answer.notes]
     return words or ["All runs finished; see the curves."]
