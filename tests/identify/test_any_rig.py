@@ -204,6 +204,7 @@ def test_rows_of_one_frame_are_one_sample_where_their_age_is_told(tmp_path):
     [
         ("time=ms:ms,measured_x=x", "command_phi or measured_phi, for measured_x"),
         ("measured_x=x,command_phi=u", "give time"),
+        ("time=ms:ms measured_x=X", "put commas between the columns: time=ms:ms,measured_x=X"),
         ("time=ms:ms,mesured_x=x", "role one of time"),
         ("time=ms:hours,measured_x=x,command_phi=u", "unit 'hours'"),
         ("time=ms:ms,mesured_x=x", "did you mean 'measured_x'"),

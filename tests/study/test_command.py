@@ -66,7 +66,7 @@ def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     code, out, err = study("short.toml", "--processes", "1")
     assert code == 0
     assert "Short study: 4 runs" in err
-    assert "flung: of 2 runs 2 did not finish" in " ".join(out.split())
+    assert "flung: 2 of 2 runs did not finish" in " ".join(out.split())
     # the table of variant by parameter is first, and few runs have no quantiles
     table, spread = out.split("Compared", maxsplit=1)
     heads = next(line for line in table.splitlines() if "variant" in line)

@@ -275,7 +275,7 @@ def new(name: str, like: str | None, out: Path | None) -> int:
 
 @lab.command(cls=Command, example="lab start signs --student ann")
 @LAB_ARGUMENT
-@click.option("--student", required=True, help="Your name or number.")
+@click.option("--student", required=True, help="Your name or number, as --student 123456.")
 @click.option("--out", type=PATH_TYPE, help="New folder [LAB-STUDENT].")
 @KEY_OPTION
 @NOTEBOOK_OPTION

@@ -52,8 +52,10 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     """Read the wanted columns from a list ``role=name:unit,...``.
 
     Raises:
-        LogError: If a role is unknown, given twice, or required and missing.
+        LogError: If a role is unknown, given twice, or required and missing, or commas are missing.
     """
+    if "," not in text and text.count("=") > 1 and " " in text.strip():
+        raise LogError(f"--columns: put commas between the columns: {','.join(text.split())}")
     found: dict[str, ColumnWanted] = {}
     for part in filter(None, (each.strip() for each in text.split(","))):
         role, equals, name = (each.strip() for each in part.partition("="))

@@ -311,7 +311,9 @@ def log_file(path: Path) -> Path:
         raise LogError(f"{path}: a bag of {len(bags)} files; give one of them, such as {bags[0]}")
     file = bags[0] if bags else record_of(path)
     if not file.is_file():
-        raise LogError(f"log {file}: not found; give a run.parquet, its folder, or a CSV file")
+        raise LogError(
+            f"log {file}: not found; give a run.parquet, its folder, or a log such as a CSV file"
+        )
     return file
 
 
