@@ -93,7 +93,7 @@ def test_a_trace_whose_writer_was_killed_says_so_in_run_report_and_trace(
     monkeypatch.setattr(running, "open_rig", simulated)
     told, short = Warned(), {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
     done = bp.run("hold", on="emulated", out=tmp_path / "run", reporter=told, **short)
-    lacks = "of 130 frames 30 missing: the process that writes it ended before"
+    lacks = "30 of 130 frames missing: the process that writes it ended before"
     assert [lacks in line for line in told.warnings] == [True]
     assert lacks in done.summary()["incomplete"][0]
     (again,) = open_run(tmp_path / "run")

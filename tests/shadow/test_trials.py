@@ -176,7 +176,7 @@ def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
 
 def test_whatever_happens_to_a_rig_of_the_family_can_be_simulated():
     rigs = identified.draw_rigs(identified.read_family(identified.FAMILY), identified.DRAW, 1)
-    true = identified._whole(rigs[0].point)
+    true = identified.whole_settings(rigs[0].point)
     for kind in identified.HAPPENS:
         run = identified.Watched(identified.FIRST, "excite", kind)
         belief, truth = identified.simulated(true, run, 1)
