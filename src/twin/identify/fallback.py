@@ -11,7 +11,7 @@ from twin.base.errors import plural
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
-    look_at_rolling,
+    look_at_rolling_in_several_ways,
     look_plainly_in_several_ways,
     look_with_levers,
 )
@@ -27,7 +27,10 @@ from twin.identify.verdicts import (
 
 PLAIN_WHY = "by a plain model, whose variants its interval holds"
 """Reason of a verdict by windows of any motion."""
-ROLLING_WHY = "by short windows of a ball that rolls in one direction"
+ROLLING_WHY = (
+    "by short windows of a ball that rolls in one direction; the interval holds several lengths of "
+    "them, with camber and without, and levers"
+)
 """Reason of a verdict by windows between end stops."""
 NAMES = {"damping": "viscous"}
 """Parameters of the full model by terms of a look that have another name."""
@@ -43,8 +46,9 @@ def assess_plainly(
     Without end stops the windows hold any motion. The intervals then hold what windows of several
     lengths give, with damping and without, and with friction, camber and every lever that explains
     them: as far as these differ, a model is in error, or the log does not show the gain. Between
-    end stops only windows of a ball that rolls in one direction are short enough. They give
-    friction and camber instead of damping, by windows of one length.
+    end stops shorter windows, of a ball that rolls in one direction, give friction and camber
+    instead of damping; the intervals hold what several lengths of these give, with camber and
+    without, and with levers.
 
     Args:
         log: The axis.
@@ -58,8 +62,8 @@ def assess_plainly(
     words = {each.name: each.word for each in verdicts}
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
-    rolling = look_at_rolling(log) if log.stops is not None else None
-    looks = [rolling] if rolling else _look_in_all_ways(log)
+    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, _possible_levers(log))
+    looks = rolling or _look_at_any_motion(log)
     if not looks:
         return list(verdicts), []
     first, found = looks[0], {}
@@ -102,7 +106,7 @@ def assess_plainly(
     return [*found.values(), *kept, *given], [_describe_look(first, axis)]
 
 
-def _look_in_all_ways(log: AxisLog) -> list[FirstLook]:
+def _look_at_any_motion(log: AxisLog) -> list[FirstLook]:
     """Looks by windows of any motion, first the one that explains them best for its terms."""
     linear = look_plainly_in_several_ways(log)
     rubbed = look_with_levers(log, _possible_levers(log))
@@ -133,14 +137,16 @@ def _describe_look(look: FirstLook, axis: str) -> str:
     """
     share, windows = 100 * look.explained, plural(look.windows, "window")
     begin = f"{axis}: the full model leaves the gain of this log open"
+    terms = f"level, {' and '.join(look.terms)}" if look.terms else "level"
     if not look.plain:
         return (
             f"{begin}. A ball that rolls in one direction between end stops shows it by the weak "
-            "form: gain, dead time + lag, level, friction and camber are those of its motion, "
+            f"form: gain, dead time + lag, {terms} are those of its motion, "
             f"{share:.0f} % of which they explain in {windows}; dead time from lag, "
-            "damping from friction, and play or dead band are not told apart"
+            "damping from friction, and play or dead band are not told apart. The intervals hold "
+            "what windows of several lengths give, with camber and without, and with each lever "
+            "that explains them"
         )
-    terms = f"level, {' and '.join(look.terms)}" if look.terms else "level"
     return (
         f"{begin}: its terms make up for each other, or it is in error. A plain model by the weak "
         f"form shows it: gain, dead time + lag, {terms} are those of this model, which explains "
