@@ -21,6 +21,7 @@ from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.end_stops import find_end_stops
 from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
 from twin.identify.first_look import (
+    look_at_moving,
     look_at_rolling,
     look_at_rolling_in_several_ways,
     look_first,
@@ -56,6 +57,7 @@ def test_a_gain_that_is_identified_needs_no_look(log, monkeypatch):
 
     monkeypatch.setattr(fallback, "look_plainly_in_several_ways", refuse)
     monkeypatch.setattr(fallback, "look_with_levers", refuse)
+    monkeypatch.setattr(fallback, "look_at_moving", refuse)
     monkeypatch.setattr(fallback, "look_at_rolling_in_several_ways", refuse)
     before = [verdict("gain_x", IDENTIFIED_VERDICT, 7.0, 6.9, 7.1)]
     assert assess_plainly(log, "x", "rad", before) == (before, [])
@@ -194,6 +196,24 @@ def test_the_gain_of_a_rolling_ball_holds_on_tubes():
         held += gain.low <= rig.gain <= gain.high
     assert told >= 8
     assert held == told
+
+
+@pytest.mark.parametrize("seed", [821, 822])
+def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
+    """At rest friction balances the tilt, so that all windows together give a small gain."""
+    rig = Rig(seconds=40.0, friction=0.12, rate=50.0)
+    time, sampled, ball, command, _ = simulate_log(seed, rig)
+    log = AxisLog(time, command, True, sampled, ball)
+    every = look_plainly(log, 0.9, terms=("friction", "camber"))
+    looks = look_at_moving(log)
+    assert abs(every.gain - rig.gain) > abs(looks[0].gain - rig.gain)
+    assert looks[0].gain == pytest.approx(rig.gain, rel=0.06)
+    assert looks[0].windows < every.windows
+    before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
+    gain = assess_plainly(log, "x", "rad", before)[0][0]
+    assert gain.low < min(each.gain for each in looks)
+    assert gain.low < rig.gain < gain.high
+    assert gain.high >= max(each.gain + 2 * each.gain_std for each in looks)
 
 
 def test_a_log_that_shows_nothing_keeps_its_verdicts(log):

@@ -11,6 +11,7 @@ from twin.base.errors import plural
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
+    look_at_moving,
     look_at_rolling_in_several_ways,
     look_plainly_in_several_ways,
     look_with_levers,
@@ -44,11 +45,11 @@ def assess_plainly(
     """Verdicts with those of first looks where the full model leaves the gain open.
 
     Without end stops the windows hold any motion. The intervals then hold what windows of several
-    lengths give, with damping and without, and with friction, camber and every lever that explains
-    them: as far as these differ, a model is in error, or the log does not show the gain. Between
-    end stops shorter windows, of a ball that rolls in one direction, give friction and camber
-    instead of damping; the intervals hold what several lengths of these give, with camber and
-    without, and with levers.
+    lengths give, with damping and without, with friction, camber and every lever that explains
+    them, and what those windows alone give in which the ball hardly rests: as far as these differ,
+    a model is in error, or the log does not show the gain. Between end stops shorter windows, of a
+    ball that rolls in one direction, give friction and camber instead of damping; the intervals
+    hold what several lengths of these give, with camber and without, and with levers.
 
     Args:
         log: The axis.
@@ -110,14 +111,16 @@ def _look_at_any_motion(log: AxisLog) -> list[FirstLook]:
     """Looks by windows of any motion, first the one that explains them best for its terms."""
     linear = look_plainly_in_several_ways(log)
     rubbed = look_with_levers(log, _possible_levers(log))
+    moving = look_at_moving(log)
     if not linear or not rubbed:
-        return linear + rubbed
+        return linear + rubbed + moving
     # by Bayes's information criterion; a lever is a term as well
     criteria = [
         each.misfit + (len(each.terms) + lever) * np.log(each.windows)
         for each, lever in ((linear[0], 0), (rubbed[0], log.lever is None))
     ]
-    return linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
+    best = linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
+    return best + moving
 
 
 def _possible_levers(log: AxisLog) -> Sequence[float]:
@@ -152,5 +155,6 @@ def _describe_look(look: FirstLook, axis: str) -> str:
         f"form shows it: gain, dead time + lag, {terms} are those of this model, which explains "
         f"{share:.0f} % of the motion in {windows}; dead time from lag, friction from "
         "damping, and play or dead band are not told apart. The intervals hold what the model "
-        "gives with damping, with friction and camber, and with each lever that explains the log"
+        "gives with damping, with friction and camber, with each lever that explains the log, "
+        "and by windows in which the ball hardly rests"
     )

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal import fftconvolve, savgol_filter
 
 from controllers.arrays import Array, Mask
@@ -41,6 +41,9 @@ class WeakForm:
         window_s: Length of a window.
         rolling_windows_s: Lengths of further windows of a ball that rolls in one direction.
         plain_windows_s: Lengths of windows of any motion, the best first.
+        max_slow_share: Share of a window of any motion, above which a ball that is slower than the
+            smallest speed may rest there, and friction balance the tilt.
+        moving_slow_shares: Such shares of windows in which the ball hardly rests.
         max_gap_steps: Longest time between two samples of a window, in median steps.
         speed_window_s: Time over which the speed is measured.
         min_speed_m_s: Speed above which the ball rolls, and its direction is known.
@@ -68,6 +71,8 @@ class WeakForm:
     window_s: float = 0.4
     rolling_windows_s: tuple[float, ...] = (0.3, 0.5)
     plain_windows_s: tuple[float, ...] = (0.9, 0.6)
+    max_slow_share: float = 1.0
+    moving_slow_shares: tuple[float, ...] = (0.5, 0.3)
     max_gap_steps: float = 4.0
     speed_window_s: float = 0.12
     min_speed_m_s: float = 0.02
@@ -186,6 +191,24 @@ def look_plainly_in_several_ways(log: AxisLog, how: WeakForm = WEAK_FORM) -> lis
         weak = len(each) > 1 and each[0].damping < how.min_damping_stds * each[0].damping_std
         found += each[::-1] if weak else each
     return found
+
+
+def look_at_moving(log: AxisLog, how: WeakForm = WEAK_FORM) -> list[FirstLook]:
+    """Looks by windows of any motion in which the ball hardly rests.
+
+    Friction of a ball at rest balances the tilt, and so makes the gain of other windows small.
+
+    Args:
+        log: The axis.
+        how: Constants.
+    """
+    looks = [
+        look_plainly(log, window_s, replace(how, max_slow_share=share), terms)
+        for window_s in how.plain_windows_s
+        for share in how.moving_slow_shares
+        for terms in (("friction", "camber"), ("damping",))
+    ]
+    return [look for look in looks if look and look.damping >= 0]
 
 
 def look_with_levers(
@@ -575,6 +598,9 @@ def _find_free_windows(
     fastest, slowest = (each(speed, size) for each in (maximum_filter1d, minimum_filter1d))
     least = np.maximum(slowest, -fastest) if rolling else np.maximum(fastest, -slowest)
     rolls = least > how.min_speed_m_s
+    if not rolling and how.max_slow_share < 1:
+        slow = (np.abs(speed) < how.min_speed_m_s).astype(float)
+        rolls = rolls & (uniform_filter1d(slow, size) < how.max_slow_share)
     low, high = np.percentile(ball, [0.5, 99.5])
     near = ball < low + how.end_margin_m, ball > high - how.end_margin_m
     stops = [each if each.mean() > how.min_end_share else np.zeros_like(each) for each in near]
