@@ -15,7 +15,14 @@ from twin.identify.any_rig import AxisIdentification, describe_lags, identify_ax
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.end_stops import find_end_stops
 from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
-from twin.identify.first_look import look_first, look_plainly, look_with_levers
+from twin.identify.first_look import (
+    look_at_moving,
+    look_at_rolling,
+    look_at_rolling_in_several_ways,
+    look_first,
+    look_plainly,
+    look_with_levers,
+)
 from twin.identify.parameters import plain_parameter
 from twin.identify.report import sentences
 from twin.identify.verdicts import (
@@ -45,7 +52,8 @@ def test_a_gain_that_is_identified_needs_no_look(log, monkeypatch):
 
     monkeypatch.setattr(fallback, "look_plainly_in_several_ways", refuse)
     monkeypatch.setattr(fallback, "look_with_levers", refuse)
-    monkeypatch.setattr(fallback, "look_at_rolling", refuse)
+    monkeypatch.setattr(fallback, "look_at_moving", refuse)
+    monkeypatch.setattr(fallback, "look_at_rolling_in_several_ways", refuse)
     before = [verdict("gain_x", IDENTIFIED_VERDICT, 7.0, 6.9, 7.1)]
     assert assess_plainly(log, "x", "rad", before) == (before, [])
 
@@ -128,6 +136,86 @@ def test_a_lever_is_part_of_what_the_plain_model_leaves_open(axis_log):
         before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
         gain = assess_plainly(log, "x", "rad", before)[0][0]
         assert gain.low < 6.0 < gain.high
+
+
+def test_a_lever_is_part_of_what_a_rolling_ball_leaves_open(axis_log):
+    rig = {"gain": 6.0, "dead_time": 0.05, "lag": 0.06, "level": 0.05, "camber": 0.2}
+    time, ball, angle = axis_log(
+        6, rate=60.0, seconds=40, lever=0.155, angles=True, stiff=3.0, damped=1.4, **rig
+    )
+    log = AxisLog(time, angle, False, time, ball)
+    without = look_at_rolling(log)
+    assert abs(without.gain - 6.0) > 0.15 * 6.0
+    looks = look_at_rolling_in_several_ways(log, (-0.08, 0.0, 0.155))
+    assert looks[0] == without
+    assert min(looks, key=lambda each: abs(each.gain - 6.0)).gain == pytest.approx(6.0, rel=0.06)
+    assert {each.terms for each in looks} == {("friction", "camber"), ("friction",)}
+
+
+def drawn_tube(seed):
+    """A tube or a beam with end stops that nothing was chosen on, and its log.
+
+    Its sensor of distance bows by up to a millimetre, and the ball is damped; the model of a
+    rolling ball has neither.
+    """
+    rng = np.random.default_rng(seed)
+    rig = replace(
+        TUBE,
+        seconds=40.0,
+        rate=float(rng.choice([33.0, 50.0, 100.0])),
+        gain=float(rng.uniform(3.0, 7.0)),
+        dead_time=float(rng.uniform(0.03, 0.08)),
+        lag=float(rng.uniform(0.02, 0.08)),
+        viscous=float(rng.uniform(0.0, 0.4)),
+        friction=float(rng.uniform(0.02, 0.08)),
+        noise=float(rng.uniform(3e-4, 1.5e-3)),
+        pixel=float(rng.choice([0.0, 1e-3])),
+        stop=float(rng.uniform(0.04, 0.15)),
+    )
+    time, sampled, ball, command, _ = simulate_log(seed, rig)
+    ball = ball + rng.uniform(0.0, 1e-3) * np.sin(2 * np.pi * ball / 0.09 + rng.uniform(0.0, 6.0))
+    return rig, AxisLog(time, command, True, sampled, ball)
+
+
+@pytest.mark.long
+def test_the_gain_of_a_rolling_ball_holds_on_tubes():
+    """A gain outside an interval that is called identified is a wrong answer."""
+    before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
+    held = told = 0
+    for seed in range(700, 712):
+        rig, log = drawn_tube(seed)
+        if not (look := look_first(log)) or not (stops := find_end_stops(log, look)):
+            continue
+        gain = assess_plainly(replace(log, stops=stops), "x", "rad", before)[0][0]
+        told += gain.why == ROLLING_WHY
+        held += gain.low <= rig.gain <= gain.high
+    assert told >= 8
+    assert held == told
+
+
+@pytest.mark.parametrize("seed", [821, 822])
+def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
+    """At rest friction balances the tilt, so that all windows together give a small gain."""
+    rig = Rig(seconds=40.0, friction=0.12, rate=50.0)
+    time, sampled, ball, command, _ = simulate_log(seed, rig)
+    log = AxisLog(time, command, True, sampled, ball)
+    every = look_plainly(log, 0.9, terms=("friction", "camber"))
+    looks = look_at_moving(log)
+    assert abs(every.gain - rig.gain) > abs(looks[0].gain - rig.gain)
+    assert looks[0].gain == pytest.approx(rig.gain, rel=0.06)
+    assert looks[0].windows < every.windows
+    before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
+    gain = assess_plainly(log, "x", "rad", before)[0][0]
+    assert gain.low < rig.gain < gain.high
+
+
+def test_the_interval_holds_what_windows_without_a_ball_at_rest_give(log, monkeypatch):
+    far = replace(look_plainly(log, 0.9), gain=14.0, gain_std=0.5)
+    monkeypatch.setattr(fallback, "look_at_moving", lambda _: [far])
+    before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
+    gain = assess_plainly(log, "x", "rad", before)[0][0]
+    assert (gain.high, gain.word) == (15.0, PLAIN_VERDICT)
+    assert gain.value == pytest.approx(7.007, rel=0.02)
 
 
 def test_a_log_that_shows_nothing_keeps_its_verdicts(log):

@@ -12,7 +12,8 @@ from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
-    look_at_rolling,
+    look_at_moving,
+    look_at_rolling_in_several_ways,
     look_plainly_in_several_ways,
     look_with_levers,
 )
@@ -27,7 +28,10 @@ from twin.identify.verdicts import (
 
 PLAIN_WHY = "by a plain model, whose variants its interval holds"
 """Reason of a verdict by windows of any motion."""
-ROLLING_WHY = "by short windows of a ball that rolls in one direction"
+ROLLING_WHY = (
+    "by short windows of a ball that rolls in one direction; the interval holds several lengths of "
+    "them, with camber and without, and levers"
+)
 """Reason of a verdict by windows between end stops."""
 NAMES = {"damping": "viscous"}
 """Parameters of the full model by terms of a look that have another name."""
@@ -41,10 +45,11 @@ def assess_plainly(
     """Verdicts with those of first looks where the full model leaves the gain open.
 
     Without end stops the windows hold any motion. The intervals then hold what windows of several
-    lengths give, with damping and without, and with friction, camber and every lever that explains
-    them: as far as these differ, a model is in error, or the log does not show the gain. Between
-    end stops only windows of a ball that rolls in one direction are short enough. They give
-    friction and camber instead of damping, by windows of one length.
+    lengths give, with damping and without, with friction, camber and every lever that explains
+    them, and what those windows alone give in which the ball hardly rests: as far as these differ,
+    a model is in error, or the log does not show the gain. Between end stops shorter windows, of a
+    ball that rolls in one direction, give friction and camber instead of damping; the intervals
+    hold what several lengths of these give, with camber and without, and with levers.
 
     Args:
         log: The axis.
@@ -58,8 +63,8 @@ def assess_plainly(
     words = {each.name: each.word for each in verdicts}
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
-    rolling = look_at_rolling(log) if log.stops is not None else None
-    looks = [rolling] if rolling else _look_in_all_ways(log)
+    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, _possible_levers(log))
+    looks = rolling or _look_at_any_motion(log)
     if not looks:
         return list(verdicts), []
     first, found = looks[0], {}
@@ -102,18 +107,20 @@ def assess_plainly(
     return [*found.values(), *kept, *given], [_describe_look(first, axis)]
 
 
-def _look_in_all_ways(log: AxisLog) -> list[FirstLook]:
+def _look_at_any_motion(log: AxisLog) -> list[FirstLook]:
     """Looks by windows of any motion, first the one that explains them best for its terms."""
     linear = look_plainly_in_several_ways(log)
     rubbed = look_with_levers(log, _possible_levers(log))
+    moving = look_at_moving(log)
     if not linear or not rubbed:
-        return linear + rubbed
+        return linear + rubbed + moving
     # by Bayes's information criterion; a lever is a term as well
     criteria = [
         each.misfit + (len(each.terms) + lever) * np.log(each.windows)
         for each, lever in ((linear[0], 0), (rubbed[0], log.lever is None))
     ]
-    return linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
+    best = linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
+    return best + moving
 
 
 def _possible_levers(log: AxisLog) -> Sequence[float]:
@@ -133,18 +140,21 @@ def _describe_look(look: FirstLook, axis: str) -> str:
     """
     share, windows = 100 * look.explained, plural(look.windows, "window")
     begin = f"{axis}: the full model leaves the gain of this log open"
+    terms = f"level, {' and '.join(look.terms)}" if look.terms else "level"
     if not look.plain:
         return (
             f"{begin}. A ball that rolls in one direction between end stops shows it by the weak "
-            "form: gain, dead time + lag, level, friction and camber are those of its motion, "
+            f"form: gain, dead time + lag, {terms} are those of its motion, "
             f"{share:.0f} % of which they explain in {windows}; dead time from lag, "
-            "damping from friction, and play or dead band are not told apart"
+            "damping from friction, and play or dead band are not told apart. The intervals hold "
+            "what windows of several lengths give, with camber and without, and with each lever "
+            "that explains them"
         )
-    terms = f"level, {' and '.join(look.terms)}" if look.terms else "level"
     return (
         f"{begin}: its terms make up for each other, or it is in error. A plain model by the weak "
         f"form shows it: gain, dead time + lag, {terms} are those of this model, which explains "
         f"{share:.0f} % of the motion in {windows}; dead time from lag, friction from "
         "damping, and play or dead band are not told apart. The intervals hold what the model "
-        "gives with damping, with friction and camber, and with each lever that explains the log"
+        "gives with damping, with friction and camber, with each lever that explains the log, "
+        "and by windows in which the ball hardly rests"
     )

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal import fftconvolve, savgol_filter
 
 from controllers.arrays import Array, Mask
@@ -39,7 +39,11 @@ class WeakForm:
     Attributes:
         step_s: Step of the grid on which integrals are computed.
         window_s: Length of a window.
+        rolling_windows_s: Lengths of further windows of a ball that rolls in one direction.
         plain_windows_s: Lengths of windows of any motion, the best first.
+        max_slow_share: Share of a window of any motion, above which a ball that is slower than the
+            smallest speed may rest there, and friction balance the tilt.
+        moving_slow_shares: Such shares of windows in which the ball hardly rests.
         max_gap_steps: Longest time between two samples of a window, in median steps.
         speed_window_s: Time over which the speed is measured.
         min_speed_m_s: Speed above which the ball rolls, and its direction is known.
@@ -65,7 +69,10 @@ class WeakForm:
 
     step_s: float = 0.005
     window_s: float = 0.4
+    rolling_windows_s: tuple[float, ...] = (0.3, 0.5)
     plain_windows_s: tuple[float, ...] = (0.9, 0.6)
+    max_slow_share: float = 1.0
+    moving_slow_shares: tuple[float, ...] = (0.5, 0.3)
     max_gap_steps: float = 4.0
     speed_window_s: float = 0.12
     min_speed_m_s: float = 0.02
@@ -186,6 +193,24 @@ def look_plainly_in_several_ways(log: AxisLog, how: WeakForm = WEAK_FORM) -> lis
     return found
 
 
+def look_at_moving(log: AxisLog, how: WeakForm = WEAK_FORM) -> list[FirstLook]:
+    """Looks by windows of any motion in which the ball hardly rests.
+
+    Friction of a ball at rest balances the tilt, and so makes the gain of other windows small.
+
+    Args:
+        log: The axis.
+        how: Constants.
+    """
+    looks = [
+        look_plainly(log, window_s, replace(how, max_slow_share=share), terms)
+        for window_s in how.plain_windows_s
+        for share in how.moving_slow_shares
+        for terms in (("friction", "camber"), ("damping",))
+    ]
+    return [look for look in looks if look and look.damping >= 0]
+
+
 def look_with_levers(
     log: AxisLog, levers: Sequence[float], how: WeakForm = WEAK_FORM
 ) -> list[FirstLook]:
@@ -209,14 +234,23 @@ def look_with_levers(
             look_plainly(replace(log, lever=each), window_s, how, ("friction", "camber"))
             for each in levers
         ]
-        misfits = np.array([each.misfit if each else np.inf for each in every])
-        if np.isinf(misfits).all():
-            continue
-        may_be = (misfits - misfits.min() < how.max_likelihood_ratio).astype(np.uint8)
-        near = maximum_filter1d(may_be, 3, mode="nearest") > 0
-        order = [k for k in np.argsort(misfits).tolist() if near[k]]
-        found += [look for k in order if (look := every[k])]
+        found += _keep_possible(every, how)
     return found
+
+
+def _keep_possible(every: Sequence[FirstLook | None], how: WeakForm) -> list[FirstLook]:
+    """Of looks with rising levers those no likelihood ratio rejects and their neighbours, sorted.
+
+    Args:
+        every: The looks, None where there is none.
+        how: Constants.
+    """
+    if not any(every):
+        return []
+    misfits = np.array([each.misfit if each else np.inf for each in every])
+    may_be = (misfits - misfits.min() < how.max_likelihood_ratio).astype(np.uint8)
+    near = maximum_filter1d(may_be, 3, mode="nearest") > 0
+    return [look for k in np.argsort(misfits).tolist() if near[k] and (look := every[k])]
 
 
 def look_plainly(
@@ -252,14 +286,17 @@ def look_plainly(
     return _describe_solution(log, grid, found, near, how, ("level", *terms), plain=True)
 
 
-def look_at_rolling(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
-    """Gain, delay, level, friction and camber by windows of a ball that rolls in one direction.
+def look_at_rolling(
+    log: AxisLog, how: WeakForm = WEAK_FORM, terms: tuple[str, ...] = ("friction", "camber")
+) -> FirstLook | None:
+    """Gain, delay, level and terms by windows of a ball that rolls in one direction.
 
     None if too few of them show these.
 
     Args:
         log: The axis.
         how: Constants.
+        terms: Terms next to gain, delay and level: friction, camber.
     """
     grid = _Grid.of(log, how)
     if grid is None:
@@ -269,11 +306,35 @@ def look_at_rolling(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None
     if len(rows) < 4 * how.min_windows or grid.noise_share(log, rows) > how.max_noise_share:
         return None
     area = np.full(len(rows), grid.weight.sum())
-    bowed = grid.apply(grid.ball, grid.weight)[rows]
-    others = np.stack((area, -area * np.sign(speed)[rows], bowed), axis=-1)
+    columns = {
+        "friction": -area * np.sign(speed)[rows],
+        "camber": grid.apply(grid.ball, grid.weight)[rows],
+    }
+    others = np.stack((area, *(columns[term] for term in terms)), axis=-1)
     found = _solve(log, grid, rows, others, how)
-    names = ("level", "friction", "camber")
-    return _describe_solution(log, grid, found, near, how, names, plain=False)
+    return _describe_solution(log, grid, found, near, how, ("level", *terms), plain=False)
+
+
+def look_at_rolling_in_several_ways(
+    log: AxisLog, levers: Sequence[float], how: WeakForm = WEAK_FORM
+) -> list[FirstLook]:
+    """Looks at a ball that rolls in one direction by windows of several lengths, the usual first.
+
+    Each with friction and camber, without camber, and with the levers that explain them. How far
+    they differ is how far the model is in error.
+
+    Args:
+        log: The axis.
+        levers: Those that are tried, rising, m.
+        how: Constants.
+    """
+    found = []
+    for window_s in (how.window_s, *how.rolling_windows_s):
+        each_how = replace(how, window_s=window_s)
+        plain = (look_at_rolling(log, each_how), look_at_rolling(log, each_how, ("friction",)))
+        every = [look_at_rolling(replace(log, lever=each), each_how) for each in levers]
+        found += [*filter(None, plain), *_keep_possible(every, each_how)]
+    return found
 
 
 @dataclass(frozen=True)
@@ -537,6 +598,9 @@ def _find_free_windows(
     fastest, slowest = (each(speed, size) for each in (maximum_filter1d, minimum_filter1d))
     least = np.maximum(slowest, -fastest) if rolling else np.maximum(fastest, -slowest)
     rolls = least > how.min_speed_m_s
+    if not rolling and how.max_slow_share < 1:
+        slow = (np.abs(speed) < how.min_speed_m_s).astype(float)
+        rolls = rolls & (uniform_filter1d(slow, size) < how.max_slow_share)
     low, high = np.percentile(ball, [0.5, 99.5])
     near = ball < low + how.end_margin_m, ball > high - how.end_margin_m
     stops = [each if each.mean() > how.min_end_share else np.zeros_like(each) for each in near]
