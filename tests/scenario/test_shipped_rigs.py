@@ -82,7 +82,7 @@ def test_a_ball_told_without_its_inertia_is_refused_with_the_one_it_has_and_may_
 
 
 def test_who_may_reach_less_far_on_a_rig_is_told_what_makes_the_reference_smaller():
-    with pytest.raises(ScenarioError, match=r"allows 0.1, 0.1 m; --on and a rig"):
+    with pytest.raises(ScenarioError, match=r"allows 0.1, 0.1 m; a smaller rig \(--on\)"):
         build_reference(load("circle"), (0.1, 0.1))
     build_reference(load("circle", ["parameters=hobby"]), (0.1, 0.1))
 
