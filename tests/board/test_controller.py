@@ -273,7 +273,8 @@ def test_where_it_fails_on_the_wire_the_plate_is_levelled_and_the_record_whole(t
     done = bp.run("hold", keys, duration=4.0, on="emulated", out=tmp_path / "run")
     assert done.metrics["outcome"] == "aborted"
     assert "gave no answer within 0.04 s" in done.metrics["reason"]
-    assert done["time"][-1] == pytest.approx(2.5, abs=0.1)
+    assert len(done["time"]) == 1249  # whenever these periods were: the next has no answer
+    assert done["time"][-1] > 2.4
     heard = Conversation(read_trace(tmp_path / "run" / "trace.log").frames)
     for node in (1, 2):
         assert heard.nodes[node].drive[-2:] == ["operation enabled", "switch on disabled"]
