@@ -105,6 +105,8 @@ DOUBTED_WHERE_NOT_WHITE = {
     "friction": "a friction that builds up over a way, or sticks, is another",
 }
 """Parameters that an error of the model moves in all windows alike, and what may do so."""
+AKAIKE_PENALTY = 2.0
+"""What a term has to reduce twice the negative log-likelihood by, in Akaike's criterion."""
 DELAYS_S = {True: (0.0, 0.5), False: (-0.1, 0.5)}
 """Smallest and largest dead time of commands, and of angles that are measured."""
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
@@ -841,13 +843,15 @@ def _find_left_out_terms(fit: AxisFit, selection: AxisSelection) -> list[tuple[s
         selection: Constants.
 
     Returns:
-        Names of the terms, and changes of shape (P,); none for a term of an impossible sign.
+        Names of the terms, and changes of shape (P,); none for a term of an impossible sign, or one
+        that the log does not show: Akaike's criterion is no better with it.
     """
     found = []
     for name in selection.optional_parameters:
         if name not in fit.problem.names and not fit.problem.drift:
-            changes, _ = find_term(fit, name)
-            if changes[-1] > PLAIN_PARAMETERS[name].least:
+            changes, std = find_term(fit, name)
+            better = (changes[-1] / std) ** 2 > AKAIKE_PENALTY
+            if better and changes[-1] > PLAIN_PARAMETERS[name].least:
                 found.append((name, changes[:-1]))
     return found
 
