@@ -753,7 +753,6 @@ def _assess_axis(
     pair = [k for k, name in enumerate(names) if name in {"dead_time", "lag"}]
     own = _append_total_delay(fit)
     low, high = own.value - own.half_width, own.value + own.half_width
-    unlike = np.zeros(len(rows), bool)
     reasons: list[list[str]] = [[] for _ in rows]
     checks = [(each, f"windows of {each.problem.longest:.1f} s") for each in fit.briefer]
     if fit.windowed:
@@ -765,17 +764,16 @@ def _assess_axis(
         low = np.where(unlike, np.minimum(low, other.value - other.half_width), low)
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
         word = f"{label} give a different value, which the interval includes: a model error"
-        reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
+        for k in np.flatnonzero(unlike).tolist():
+            reasons[k].append(word)
     for term, changes in _find_left_out_terms(fit, selection):
         key = PLAIN_PARAMETERS[term].key
         moved = np.append(changes, changes[pair].sum()) if len(rows) > len(names) else changes
         low, high = low + np.minimum(moved, 0.0), high + np.maximum(moved, 0.0)
-        reasons = [
-            each
-            + [f"the interval includes what a {key} term too small to be fitted would change"]
-            * bool(abs(by) > half)
-            for each, by, half in zip(reasons, moved, own.half_width, strict=True)
-        ]
+        for k in np.flatnonzero(np.abs(moved) > own.half_width).tolist():
+            reasons[k].append(
+                f"the interval includes what a {key} term too small to be fitted would change"
+            )
     for k, name in enumerate(names):
         if name in DOUBTED_WHERE_NOT_WHITE and not (fit.windowed or fit).explained:
             low[k], high[k] = low[k] - own.half_width[k], high[k] + own.half_width[k]
@@ -954,7 +952,7 @@ def _assess_parameter(
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
     at_bound = value < least + slack or value > most - slack
-    narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value)) and not at_bound
+    narrow = (high - low) / 2 <= about.allowed_half_width(value) and not at_bound
     nothing = name.startswith("gain") and low <= 0 <= high
     why = list(reasons)
     if value < least + slack and least == 0:

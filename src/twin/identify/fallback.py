@@ -79,12 +79,13 @@ def assess_plainly(
             )
         ]
         low, high = min(each[0] for each in spans), max(each[1] for each in spans)
-        about = plain_parameter(NAMES.get(name, name), unit, held=log.held)
+        key = NAMES.get(name, name)
+        about = plain_parameter(key, unit, held=log.held)
         value = getattr(first, name)
-        narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
-        found[NAMES.get(name, name)] = ParameterVerdict(
+        narrow = (high - low) / 2 <= about.allowed_half_width(value)
+        found[key] = ParameterVerdict(
             about=about,
-            name=f"{NAMES.get(name, name)}_{axis}",
+            name=f"{key}_{axis}",
             value=value,
             low=low,
             high=high,

@@ -113,7 +113,7 @@ class FirstLook:
         damping: 1/s.
         damping_std: Its standard deviation.
         windows: Number of windows that are used.
-        plain: Whether they hold any motion, and the model is plain and linear.
+        plain: Whether they hold any motion; else the ball rolls in one direction in each.
         explained: Share of the variance of the left side that the equation explains.
         at_ends: Share of the time in which the ball is at an end stop.
         drift: By how much the clock of the positions is faster than that of the commands.
@@ -267,23 +267,7 @@ def look_plainly(
         how: Constants.
         terms: Terms next to gain, delay and level: damping, friction, camber.
     """
-    grid = _Grid.of(log, replace(how, window_s=window_s))
-    if grid is None:
-        return None
-    free, speed, near = _find_free_windows(log, grid, how, rolling=False)
-    rows = grid.thin(free)
-    if len(rows) < 4 * how.min_windows or grid.noise_share(log, rows) > how.max_noise_share:
-        return None
-    way = np.clip(speed / how.friction_speed_m_s, -1.0, 1.0)
-    columns = {
-        "damping": (grid.ball, grid.slope),
-        "friction": (-way, grid.weight),
-        "camber": (grid.ball, grid.weight),
-    }
-    others = [np.full(len(rows), grid.weight.sum())]
-    others += [grid.apply(*columns[term])[rows] for term in terms]
-    found = _solve(log, grid, rows, np.stack(others, axis=-1), how)
-    return _describe_solution(log, grid, found, near, how, ("level", *terms), plain=True)
+    return _look(log, replace(how, window_s=window_s), terms, rolling=False)
 
 
 def look_at_rolling(
@@ -298,21 +282,36 @@ def look_at_rolling(
         how: Constants.
         terms: Terms next to gain, delay and level: friction, camber.
     """
+    return _look(log, how, terms, rolling=True)
+
+
+def _look(
+    log: AxisLog, how: WeakForm, terms: tuple[str, ...], *, rolling: bool
+) -> FirstLook | None:
+    """Gain, delay, level and terms of an axis; None if too few windows show them.
+
+    Args:
+        log: The axis.
+        how: Constants.
+        terms: Terms next to gain, delay and level: damping, friction, camber.
+        rolling: Whether the ball rolls in one direction in all windows, or moves in any way.
+    """
     grid = _Grid.of(log, how)
     if grid is None:
         return None
-    free, speed, near = _find_free_windows(log, grid, how, rolling=True)
+    free, speed, near = _find_free_windows(log, grid, how, rolling=rolling)
     rows = grid.thin(free)
     if len(rows) < 4 * how.min_windows or grid.noise_share(log, rows) > how.max_noise_share:
         return None
-    area = np.full(len(rows), grid.weight.sum())
     columns = {
-        "friction": -area * np.sign(speed)[rows],
-        "camber": grid.apply(grid.ball, grid.weight)[rows],
+        "damping": (grid.ball, grid.slope),
+        "friction": (-np.clip(speed / how.friction_speed_m_s, -1.0, 1.0), grid.weight),
+        "camber": (grid.ball, grid.weight),
     }
-    others = np.stack((area, *(columns[term] for term in terms)), axis=-1)
-    found = _solve(log, grid, rows, others, how)
-    return _describe_solution(log, grid, found, near, how, ("level", *terms), plain=False)
+    others = [np.full(len(rows), grid.weight.sum())]
+    others += [grid.apply(*columns[term])[rows] for term in terms]
+    found = _solve(log, grid, rows, np.stack(others, axis=-1), how)
+    return _describe_solution(log, grid, found, near, how, ("level", *terms), plain=not rolling)
 
 
 def look_at_rolling_in_several_ways(

@@ -110,7 +110,7 @@ def _shift(level: ParameterVerdict, gain: ParameterVerdict, offset: float) -> Pa
     low = value - math.hypot(level.value - level.low, ends[1])
     high = value + math.hypot(level.high - level.value, ends[0])
     about, word = level.about, level.word
-    narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
+    narrow = (high - low) / 2 <= about.allowed_half_width(value)
     if word == IDENTIFIED_VERDICT and not narrow:
         word = NOT_IDENTIFIABLE
     why = "; ".join(filter(None, (level.why, "at a command of zero, far from those of the log")))

@@ -49,6 +49,10 @@ class IdentifiedParameter:
         """Factor from the SI value to the unit of the key."""
         return _UNIT_FACTORS.get(self.unit, 1.0)
 
+    def allowed_half_width(self, value: float) -> float:
+        """Half-width of the interval of a value up to which it counts as identified."""
+        return max(self.tolerance, self.relative * abs(value))
+
 
 _PARAMETER_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 BALL_PARAMETERS = {

@@ -532,7 +532,7 @@ def _assess_ball(
         low = about.factor * (value - half)
         return replace(found, low=low, word=BOUNDED_VERDICT, why=why)
     found = replace(found, low=about.factor * low, high=about.factor * high)
-    if half <= max(about.tolerance, about.relative * abs(value)):
+    if half <= about.allowed_half_width(value):
         return replace(found, word=IDENTIFIED_VERDICT)
     alike = np.abs(ball.correlation[k]) > MAX_CORRELATION
     others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
@@ -557,7 +557,7 @@ def _assess_servo(drives: Drives | None) -> ParameterVerdict:
         why = f"faster than the log shows: above {low:.3g} Hz; {SERVO_PARAMETER.experiment}"
         return replace(found, low=low, word=BOUNDED_VERDICT, why=why)
     value, high = corner_frequency(lag), corner_frequency(lag - half)
-    good = half <= max(SERVO_PARAMETER.tolerance, SERVO_PARAMETER.relative * lag)
+    good = half <= SERVO_PARAMETER.allowed_half_width(lag)
     why = "" if good else f"its interval is too wide; {SERVO_PARAMETER.experiment}"
     word = IDENTIFIED_VERDICT if good else NOT_IDENTIFIABLE
     return replace(found, value=value, low=low, high=high, word=word, why=why)

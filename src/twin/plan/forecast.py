@@ -192,8 +192,7 @@ def width_ratio(found: ParameterVerdict | None, how: ForecastConstants = FORECAS
         size = lag
     else:
         half, size = half_width(found) / about.factor, abs(found.value or 0.0) / about.factor
-    allowed = max(about.tolerance, about.relative * size)
-    return min(half / allowed, how.worst_ratio)
+    return min(half / about.allowed_half_width(size), how.worst_ratio)
 
 
 def forecast_log(
