@@ -10,7 +10,7 @@ import pytest
 from docs import identify_coverage
 from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import TUBE, Rig, simulate_log
-from twin.identify import fallback
+from twin.identify import fallback, first_look
 from twin.identify.any_rig import AxisIdentification, describe_lags, identify_axes, join_logs
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.end_stops import find_end_stops
@@ -32,6 +32,7 @@ from twin.identify.verdicts import (
     PLAIN_VERDICT,
     ParameterVerdict,
 )
+from twin.identify.weak_form import WEAK_FORM, make_grids
 
 
 def verdict(name, word, value=None, low=None, high=None):
@@ -47,12 +48,10 @@ def log():
 
 
 def test_a_gain_that_is_identified_needs_no_look(log, monkeypatch):
-    def refuse(_):
+    def refuse(*_):
         raise AssertionError("a look that nothing needs")
 
-    monkeypatch.setattr(fallback, "look_plainly_in_several_ways", refuse)
-    monkeypatch.setattr(fallback, "look_with_levers", refuse)
-    monkeypatch.setattr(fallback, "look_at_moving", refuse)
+    monkeypatch.setattr(fallback, "look_at_any_motion", refuse)
     monkeypatch.setattr(fallback, "look_at_rolling_in_several_ways", refuse)
     before = [verdict("gain_x", IDENTIFIED_VERDICT, 7.0, 6.9, 7.1)]
     assert assess_plainly(log, "x", "rad", before) == (before, [])
@@ -128,7 +127,7 @@ def test_a_lever_is_part_of_what_the_plain_model_leaves_open(axis_log):
             5, rate=60.0, seconds=40, lever=lever, angles=True, stiff=3.0, damped=1.4, **rig
         )
         log = AxisLog(time, angle, False, time, ball)
-        looks = look_with_levers(log, (-0.08, 0.0, 0.155))
+        looks = look_with_levers(make_grids(log, WEAK_FORM.plain_windows_s), (-0.08, 0.0, 0.155))
         assert looks[0].gain == pytest.approx(6.0, rel=0.06)
         without = look_plainly(log, 0.9, terms=("friction", "camber"))
         assert abs(without.gain - 6.0) > 0.15 * 6.0
@@ -200,7 +199,7 @@ def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
     time, sampled, ball, command, _ = simulate_log(seed, rig)
     log = AxisLog(time, command, True, sampled, ball)
     every = look_plainly(log, 0.9, terms=("friction", "camber"))
-    looks = look_at_moving(log)
+    looks = look_at_moving(make_grids(log, WEAK_FORM.plain_windows_s))
     assert abs(every.gain - rig.gain) > abs(looks[0].gain - rig.gain)
     assert looks[0].gain == pytest.approx(rig.gain, rel=0.06)
     assert looks[0].windows < every.windows
@@ -211,7 +210,7 @@ def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
 
 def test_the_interval_holds_what_windows_without_a_ball_at_rest_give(log, monkeypatch):
     far = replace(look_plainly(log, 0.9), gain=14.0, gain_std=0.5)
-    monkeypatch.setattr(fallback, "look_at_moving", lambda _: [far])
+    monkeypatch.setattr(first_look, "look_at_moving", lambda _: [far])
     before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
     gain = assess_plainly(log, "x", "rad", before)[0][0]
     assert (gain.high, gain.word) == (15.0, PLAIN_VERDICT)

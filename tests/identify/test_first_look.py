@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from twin.base.errors import LogError
+from twin.identify import command_model
 from twin.identify.any_rig import AXIS_SELECTION, _assess_axis, identify_axes
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
@@ -16,14 +17,16 @@ from twin.identify.command_model import TiltHistory
 from twin.identify.drive_effects import profile, profile_contenders
 from twin.identify.fallback import PLAIN_WHY
 from twin.identify.first_look import (
-    WEAK_FORM,
+    look_at_any_motion,
+    look_at_rolling_in_several_ways,
     look_first,
+    look_linearly,
     look_plainly,
-    look_plainly_in_several_ways,
 )
 from twin.identify.further_terms import find_significance, find_term
 from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
 from twin.identify.plain_model import AxisFit, fit_axis
+from twin.identify.weak_form import WEAK_FORM, WeakWindows, make_grids
 from twin.identify.windows import axis_windows, spans
 
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
@@ -108,14 +111,36 @@ def test_the_plain_model_is_found_by_windows_of_any_motion():
         assert (found.explained > 0.999) == damped
     found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9)
     assert found.damping == pytest.approx(damping, rel=0.02)
-    several = look_plainly_in_several_ways(AxisLog(time, sent, False, time, ball))
+    log = AxisLog(time, sent, False, time, ball)
+    several = look_linearly(make_grids(log, WEAK_FORM.plain_windows_s))
     assert several[0].damping == pytest.approx(damping, rel=0.02)
     assert len(several) == 4
 
 
+def test_all_looks_share_one_tilt_and_none_between_end_stops_is_computed_twice(monkeypatch, log):
+    solve, drive, solved, driven = WeakWindows.solve, command_model.drive_path, [], []
+
+    def count_solve(windows, terms, lever):
+        solved.append((windows.grid.half, terms, lever))
+        return solve(windows, terms, lever)
+
+    def count_drive(*args):
+        driven.append(args)
+        return drive(*args)
+
+    monkeypatch.setattr(WeakWindows, "solve", count_solve)
+    monkeypatch.setattr(command_model, "drive_path", count_drive)
+    assert look_at_rolling_in_several_ways(log, (-0.05, 0.0, 0.05))
+    assert len(solved) == len(set(solved)) > 10
+    assert len(driven) == 1
+    assert look_at_any_motion(log, (-0.05, 0.0, 0.05))
+    assert len(driven) == 2
+
+
 def test_no_negative_damping_is_believed():
     time, ball, sent = linear_motion(6.0, -0.8, 0.15)
-    looks = look_plainly_in_several_ways(AxisLog(time, sent, False, time, ball))
+    log = AxisLog(time, sent, False, time, ball)
+    looks = look_linearly(make_grids(log, WEAK_FORM.plain_windows_s))
     assert looks
     assert all(each.damping == 0 for each in looks)
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from twin.base.errors import plural
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
-    look_at_moving,
+    look_at_any_motion,
     look_at_rolling_in_several_ways,
-    look_plainly_in_several_ways,
-    look_with_levers,
 )
 from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
 from twin.identify.verdicts import (
@@ -63,8 +59,9 @@ def assess_plainly(
     words = {each.name: each.word for each in verdicts}
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
-    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, _possible_levers(log))
-    looks = rolling or _look_at_any_motion(log)
+    levers = _possible_levers(log)
+    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, levers)
+    looks = rolling or look_at_any_motion(log, levers)
     if not looks:
         return list(verdicts), []
     first, found = looks[0], {}
@@ -106,22 +103,6 @@ def assess_plainly(
     ]
     given = [each for each in verdicts if each.word == GIVEN_VERDICT]
     return [*found.values(), *kept, *given], [_describe_look(first, axis)]
-
-
-def _look_at_any_motion(log: AxisLog) -> list[FirstLook]:
-    """Looks by windows of any motion, first the one that explains them best for its terms."""
-    linear = look_plainly_in_several_ways(log)
-    rubbed = look_with_levers(log, _possible_levers(log))
-    moving = look_at_moving(log)
-    if not linear or not rubbed:
-        return linear + rubbed + moving
-    # by Bayes's information criterion; a lever is a term as well
-    criteria = [
-        each.misfit + (len(each.terms) + lever) * np.log(each.windows)
-        for each, lever in ((linear[0], 0), (rubbed[0], log.lever is None))
-    ]
-    best = linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
-    return best + moving
 
 
 def _possible_levers(log: AxisLog) -> Sequence[float]:
