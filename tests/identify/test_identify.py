@@ -17,7 +17,8 @@ from twin.identify.parameters import BALL_PARAMETERS, DEFAULT_PARAMETERS, SERVO_
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
-from twin.identify.twin_model import TwinIdentification, _assess_servo, identify_twin
+from twin.identify.twin_model import TwinIdentification, identify_twin
+from twin.identify.twin_verdicts import _assess_servo
 from twin.identify.verdicts import HOLD_OUT, ParameterVerdict
 from twin.run.finished import record_run, run
 from twin.run.opened import open_run

@@ -37,7 +37,8 @@ from twin.identify.parameters import (
 )
 from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import TWIN_SELECTION, TwinProblem, assess_parameters, whiteness
+from twin.identify.twin_fit import TWIN_SELECTION, TwinProblem
+from twin.identify.twin_verdicts import assess_parameters, whiteness
 from twin.identify.verdicts import ParameterVerdict
 from twin.identify.windows import Windows, cut, moving_spans
 from twin.scenario.schema import Scenario
