@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from twin.base.errors import plural
-from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
+    find_possible_levers,
+    join_looks,
     look_at_any_motion,
     look_at_rolling_in_several_ways,
 )
-from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
+from twin.identify.parameters import plain_parameter
 from twin.identify.verdicts import (
     GIVEN_VERDICT,
     IDENTIFIED_VERDICT,
@@ -59,23 +60,14 @@ def assess_plainly(
     words = {each.name: each.word for each in verdicts}
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
-    levers = _possible_levers(log)
+    levers = find_possible_levers(log)
     rolling = log.stops is not None and look_at_rolling_in_several_ways(log, levers)
-    looks = rolling or look_at_any_motion(log, levers)
-    if not looks:
+    first, found = join_looks(rolling or look_at_any_motion(log, levers)), {}
+    if first is None:
         return list(verdicts), []
-    first, found = looks[0], {}
     why = PLAIN_WHY if first.plain else ROLLING_WHY
     for name in ("gain", "delay", "level", *first.terms):
-        spans = [
-            (value - 2 * std, value + 2 * std)
-            for value, std in (
-                (getattr(each, name), getattr(each, f"{name}_std"))
-                for each in looks
-                if name not in first.terms or name in each.terms
-            )
-        ]
-        low, high = min(each[0] for each in spans), max(each[1] for each in spans)
+        low, high = first.interval(name)
         key = NAMES.get(name, name)
         about = plain_parameter(key, unit, held=log.held)
         value = getattr(first, name)
@@ -103,14 +95,6 @@ def assess_plainly(
     ]
     given = [each for each in verdicts if each.word == GIVEN_VERDICT]
     return [*found.values(), *kept, *given], [_describe_look(first, axis)]
-
-
-def _possible_levers(log: AxisLog) -> Sequence[float]:
-    """Levers in m of a log: all that a rig may have, or a given one within a ruler's error."""
-    if log.lever is None:
-        return PLAIN_PARAMETERS["lever"].tried
-    error = 2 * AXIS_FITTING.drives.height_std_m
-    return (log.lever - error, log.lever, log.lever + error)
 
 
 def _describe_look(look: FirstLook, axis: str) -> str:

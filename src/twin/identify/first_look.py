@@ -9,14 +9,17 @@ in error.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from controllers.arrays import Array, Mask
 from twin.base.errors import plural
 from twin.base.page import digits
+from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AxisLog
+from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.weak_form import WEAK_FORM, WeakForm, WeakGrid, WeakWindows, make_grids
 
 
@@ -44,6 +47,10 @@ class FirstLook:
         drift: By how much the clock of the positions is faster than that of the commands.
         drift_std: Its standard deviation.
         terms: What the model has next to gain, delay and level: damping, friction, camber.
+        residuals: Of the equation in all windows of this kind and length, shape (R,).
+        kept: Those that are used; others are outliers, shape (R,).
+        variants: Looks by other windows, terms and levers. How far they differ from this one is how
+            far its model is in error, or the log leaves a number open.
     """
 
     gain: float
@@ -65,15 +72,27 @@ class FirstLook:
     drift: float
     drift_std: float
     terms: tuple[str, ...]
-
-    @property
-    def misfit(self) -> float:
-        """Twice the negative logarithm of the likelihood, but for a constant of the windows."""
-        return self.windows * float(np.log(max(1 - self.explained, 1e-12)))
+    residuals: Array = field(repr=False, compare=False)
+    kept: Mask = field(repr=False, compare=False)
+    variants: tuple[FirstLook, ...] = field(default=(), repr=False, compare=False)
 
     def drifts(self, how: WeakForm = WEAK_FORM) -> bool:
         """Whether the clock of the positions goes at a different speed."""
         return abs(self.drift) > max(how.min_drift_stds * self.drift_std, how.min_drift)
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """The 95 % interval of a number, which holds that of each variant that has it.
+
+        Args:
+            name: gain, delay, level, or one of the terms.
+        """
+        ends = [
+            getattr(each, name) + sign * getattr(each, f"{name}_std")
+            for each in (self, *self.variants)
+            if name not in self.terms or name in each.terms
+            for sign in (-2, 2)
+        ]
+        return min(ends), max(ends)
 
     def describe(self, axis: str, unit: str) -> str:
         """In a sentence.
@@ -84,24 +103,41 @@ class FirstLook:
         """
         ends = f"; {100 * self.at_ends:.0f} % at an end stop" if self.at_ends else ""
         rolls = "of any motion, by a plain model" if self.plain else "of a ball that rolls freely"
-        without = " without friction, which makes the gain small" if self.plain else ""
+        rubs = "friction" in self.terms
+        without = "" if rubs else " without friction, which makes the gain small"
+        spans = map(self.interval, ("gain", "delay", "level"))
+        gain, delay, level = (" to ".join(digits(end, places=3) for end in span) for span in spans)
         return (
-            f"first look, {axis}: gain {digits(self.gain)} +- {digits(2 * self.gain_std)} m/s^2 by "
-            f"{unit}, dead time + lag {self.delay:.2f} s, level {digits(self.level)} +- "
-            f"{digits(2 * self.level_std)} m/s^2, from {plural(self.windows, 'window')} "
-            f"{rolls}{without}; +- is scatter alone{ends}"
+            f"first look, {axis}: gain {gain} m/s^2 by {unit} (best {digits(self.gain)}), "
+            f"dead time + lag, and what play adds, {delay} s, level {level} m/s^2, from "
+            f"{plural(self.windows, 'window')} {rolls}{without}; these 95 % intervals hold windows "
+            f"of several lengths, friction, camber and the height of the ball{ends}"
         )
 
 
 def look_first(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
-    """Gain, delay and level of an axis; None if too few windows show them.
+    """Gain, delay and level of an axis, with variants; None if too few windows show them.
 
     Args:
         log: The axis.
         how: Constants.
     """
-    linear = look_linearly(make_grids(log, how.plain_windows_s, how))
-    return look_at_rolling(log, how) or next(iter(linear), None)
+    levers = find_possible_levers(log)
+    looks = look_at_rolling_in_several_ways(log, levers, how)
+    return join_looks(looks or look_at_any_motion(log, levers, how))
+
+
+def find_possible_levers(log: AxisLog) -> Sequence[float]:
+    """Levers in m of a log: all that a rig may have, or a given one within a ruler's error."""
+    if log.lever is None:
+        return PLAIN_PARAMETERS["lever"].tried
+    error = 2 * AXIS_FITTING.drives.height_std_m
+    return (log.lever - error, log.lever, log.lever + error)
+
+
+def join_looks(looks: Sequence[FirstLook]) -> FirstLook | None:
+    """The first of several looks, with the others as its variants; None without any."""
+    return replace(looks[0], variants=tuple(looks[1:])) if looks else None
 
 
 def look_plainly(
@@ -165,22 +201,23 @@ def look_linearly(grids: Sequence[WeakGrid]) -> list[FirstLook]:
     return found
 
 
-def look_at_moving(grids: Sequence[WeakGrid]) -> list[FirstLook]:
+def look_at_moving(grids: Sequence[WeakGrid], levers: Sequence[float]) -> list[FirstLook]:
     """Looks by windows of any motion in which the ball hardly rests.
 
     Friction of a ball at rest balances the tilt, and so makes the gain of other windows small.
 
     Args:
         grids: Of a log, one for each length.
+        levers: Those that are tried, rising, m; that of the log is one of them.
     """
-    looks = [
-        _look_at(windows, terms, windows.grid.lever)
-        for grid in grids
-        for share in grid.how.moving_slow_shares
-        if (windows := WeakWindows.of(grid, rolling=False, max_slow_share=share))
-        for terms in (("friction", "camber"), ("damping",))
-    ]
-    return [look for look in looks if look and look.damping >= 0]
+    looks = list[FirstLook]()
+    for grid in grids:
+        for share in grid.how.moving_slow_shares:
+            if windows := WeakWindows.of(grid, rolling=False, max_slow_share=share):
+                looks += _look_with_friction(windows, levers)
+                damped = _look_at(windows, ("damping",), grid.lever)
+                looks += [damped] if damped and damped.damping >= 0 else []
+    return looks
 
 
 def look_with_levers(grids: Sequence[WeakGrid], levers: Sequence[float]) -> list[FirstLook]:
@@ -211,25 +248,24 @@ def look_at_any_motion(
 
     With damping and without, with friction, camber and the levers that explain them, and by those
     windows alone in which the ball hardly rests. How far they differ is how far a model is in
-    error, or the log does not show a number.
+    error, or the log does not show a number. Where the ball sticks in most windows, those in which
+    it hardly rests come first, and there is no look without them.
 
     Args:
         log: The axis.
         levers: Those that are tried, rising, m.
         how: Constants.
     """
-    grids = make_grids(log, how.plain_windows_s, how)
-    linear, rubbed = look_linearly(grids), look_with_levers(grids, levers)
-    moving = look_at_moving(grids)
-    if not linear or not rubbed:
-        return linear + rubbed + moving
-    # by Bayes's information criterion; a lever is a term as well
-    criteria = [
-        each.misfit + (len(each.terms) + lever) * np.log(each.windows)
-        for each, lever in ((linear[0], 0), (rubbed[0], log.lever is None))
-    ]
-    best = linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
-    return best + moving
+    grids, found, sticks = make_grids(log, how.plain_windows_s, how), list[FirstLook](), False
+    for windows in _find_windows(grids):
+        linear, rubbed = look_linearly([windows.grid]), look_with_levers([windows.grid], levers)
+        found += _put_best_first(linear, rubbed, known=log.lever is not None)
+        sticks = sticks or windows.sticks
+    moving = look_at_moving(grids, levers)
+    # damping does not stand for what holds a ball
+    return (
+        sorted(moving, key=lambda look: "friction" not in look.terms) if sticks else found + moving
+    )
 
 
 def look_at_rolling_in_several_ways(
@@ -248,10 +284,66 @@ def look_at_rolling_in_several_ways(
     found = []
     for grid in make_grids(log, (how.window_s, *how.rolling_windows_s), how):
         if windows := WeakWindows.of(grid, rolling=True):
-            every = [_look_at(windows, ("friction", "camber"), each) for each in levers]
-            plain = every[levers.index(grid.lever)], _look_at(windows, ("friction",), grid.lever)
-            found += [*filter(None, plain), *_keep_possible(every, how)]
+            found += _look_with_friction(windows, levers, (("friction",),))
     return found
+
+
+def _look_with_friction(
+    windows: WeakWindows, levers: Sequence[float], others: Sequence[tuple[str, ...]] = ()
+) -> list[FirstLook]:
+    """Looks with friction and camber and the levers that explain the windows, the best one first.
+
+    Args:
+        windows: Of one kind.
+        levers: Those that are tried, rising, m; that of the log is one of them.
+        others: Further terms, which are tried with the lever of the log.
+    """
+    lever, how = windows.grid.lever, windows.grid.how
+    every = [_look_at(windows, ("friction", "camber"), each) for each in levers]
+    usual = [every[levers.index(lever)], *(_look_at(windows, terms, lever) for terms in others)]
+    known = windows.grid.log.lever is not None
+    return _put_best_first([*filter(None, usual)], _keep_possible(every, how), known=known)
+
+
+def _put_best_first(
+    usual: list[FirstLook], with_levers: list[FirstLook], *, known: bool
+) -> list[FirstLook]:
+    """Looks at the same windows, those first whose first one explains them best for its terms.
+
+    By Bayes's information criterion. A lever that is not known is a term as well.
+
+    Args:
+        usual: Without a lever, or with the known one.
+        with_levers: With those that are possible.
+        known: Whether the lever is.
+    """
+    if not usual or not with_levers:
+        return usual + with_levers
+    pair = usual[0], with_levers[0]
+    terms = np.array([len(pair[0].terms), len(pair[1].terms) + (not known)])
+    plain, levered = find_misfits(pair) + terms * np.log(min(each.windows for each in pair))
+    return usual + with_levers if plain <= levered else with_levers + usual
+
+
+def find_misfits(looks: Sequence[FirstLook | None]) -> Array:
+    """Twice the negative logarithms of the likelihoods of looks at the same windows.
+
+    But for a constant that is the same for all. A window counts unless it is an outlier of every
+    look: one that only some explain is evidence for these. Windows overlap: as many count as fit
+    end to end.
+
+    Args:
+        looks: Of windows of one kind and length, L of them, None where there is none.
+
+    Returns:
+        Shape (L,); infinite where there is no look.
+    """
+    there = [each for each in looks if each]
+    known = np.any([each.kept for each in there], axis=0)
+    count = there[0].windows * known.sum() / there[0].kept.sum()
+    return np.array(
+        [count * np.log((each.residuals[known] ** 2).mean()) if each else np.inf for each in looks]
+    )
 
 
 def _find_windows(grids: Sequence[WeakGrid]) -> Iterator[WeakWindows]:
@@ -270,7 +362,7 @@ def _keep_possible(every: Sequence[FirstLook | None], how: WeakForm) -> list[Fir
     """
     if not any(every):
         return []
-    misfits = np.array([each.misfit if each else np.inf for each in every])
+    misfits = find_misfits(every)
     may_be = (misfits - misfits.min() < how.max_likelihood_ratio).astype(np.uint8)
     near = maximum_filter1d(may_be, 3, mode="nearest") > 0
     return [look for k in np.argsort(misfits).tolist() if near[k] and (look := every[k])]
@@ -294,7 +386,7 @@ def _look_at(windows: WeakWindows, terms: tuple[str, ...], lever: float) -> Firs
     names = ("level", *terms)
     value = dict(zip(names, found.values[1:].tolist(), strict=False))
     std = dict(zip(names, found.stds[1:].tolist(), strict=False))
-    rub = max(value.get("friction", 0.0), 0.0)
+    rub = value.get("friction", 0.0)
     at_ends = 0.0
     if windows.rolling:
         # an end stop holds the ball against the tilt; where it only turns, the tilt pushes it back
@@ -322,4 +414,6 @@ def _look_at(windows: WeakWindows, terms: tuple[str, ...], lever: float) -> Firs
         drift=found.drift[0],
         drift_std=found.drift[1],
         terms=terms,
+        residuals=found.residuals,
+        kept=found.kept,
     )

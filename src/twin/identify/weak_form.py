@@ -224,8 +224,17 @@ class WeakWindows:
             return None
         return cls(grid, rows, speed, near, rolling)
 
+    @property
+    def sticks(self) -> bool:
+        """Whether friction may hold the ball, and balance the tilt, in most of the windows."""
+        how = self.grid.how
+        slow = _find_slow_shares(self.grid, self.speed)[self.rows]
+        return bool(np.median(slow) > how.moving_slow_shares[0])
+
     def solve(self, terms: tuple[str, ...], lever: float) -> WeakSolution | None:
         """Least squares over delays and lags, without outliers; None of too few windows.
+
+        No friction is negative: where it would be, it is zero, and the others are those without it.
 
         Args:
             terms: Terms next to gain, delay and level: damping, friction, camber.
@@ -239,7 +248,17 @@ class WeakWindows:
         }
         level = np.full(len(rows), grid.weight.sum())
         others = [level, *(grid.apply(*columns[term])[rows] for term in terms)]
-        return _solve(grid, rows, np.stack(others, axis=-1), lever)
+        found = _solve(grid, rows, np.stack(others, axis=-1), lever)
+        if found is None or "friction" not in terms:
+            return found
+        k = 2 + terms.index("friction")
+        if found.values[k] >= 0:
+            return found
+        without = self.solve(tuple(term for term in terms if term != "friction"), lever)
+        if without is None:
+            return None
+        values, stds = np.insert(without.values, k, 0.0), np.insert(without.stds, k, found.stds[k])
+        return replace(without, values=values, stds=stds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,6 +270,8 @@ class WeakSolution:
         delay: The best dead time, s.
         values: Gain by swing of the tilt, and the other values.
         stds: Their standard deviations.
+        residuals: Of the equation in the windows, shape (R,).
+        kept: Windows that are no outliers, shape (R,).
         explained: Share of the variance of the left side.
         independent: Number of windows end to end.
         drift: By how much the delay grows with time, and its standard deviation.
@@ -261,6 +282,8 @@ class WeakSolution:
     delay: float
     values: Array
     stds: Array
+    residuals: Array
+    kept: Mask
     explained: float
     independent: float
     drift: tuple[float, float]
@@ -290,8 +313,9 @@ def _solve(
         lag, k = _find_delay(pushed, others, left, kept)
         columns = np.column_stack((pushed[lag][k], others))
         found = np.linalg.lstsq(columns[kept], left[kept], rcond=1e-9)[0]
-        off = np.abs(columns @ found - left)
-        kept = off < how.outlier_ratio * 1.4826 * float(np.median(off[kept]))
+        off = columns @ found - left
+        usual = 1.4826 * float(np.median(np.abs(off[kept])))
+        kept = np.abs(off) < how.outlier_ratio * usual
     # windows overlap: as many are independent as fit end to end
     independent = float(kept.sum() * grid.stride / grid.half)
     scatter = float((off[kept] ** 2).mean())
@@ -308,6 +332,8 @@ def _solve(
         delay=(round(how.delays_s[0] / h) - 1 + k) * h,
         values=found,
         stds=stds,
+        residuals=off,
+        kept=kept,
         explained=1 - scatter / max(float(np.var(left[kept])), 1e-30),
         independent=independent,
         drift=(float(values[-1] / found[0]), float(by_delay[-1])),
@@ -360,6 +386,12 @@ def _make_test_function(half: int, step: float) -> tuple[Array, Array, Array]:
     return weight, slope, bend * (weight.sum() / (bend @ parabola))
 
 
+def _find_slow_shares(grid: WeakGrid, speed: Array) -> Array:
+    """Share of a window in which the ball may rest, by the middle of the window, shape (N,)."""
+    slow = (np.abs(speed) < grid.how.min_speed_m_s).astype(float)
+    return np.asarray(uniform_filter1d(slow, 2 * grid.half + 1))
+
+
 def _find_free_windows(
     grid: WeakGrid, max_slow_share: float, *, rolling: bool
 ) -> tuple[Mask, Array, tuple[Mask, Mask]]:
@@ -378,8 +410,7 @@ def _find_free_windows(
     least = np.maximum(slowest, -fastest) if rolling else np.maximum(fastest, -slowest)
     rolls = least > how.min_speed_m_s
     if not rolling and max_slow_share < 1:
-        slow = (np.abs(speed) < how.min_speed_m_s).astype(float)
-        rolls = rolls & (uniform_filter1d(slow, size) < max_slow_share)
+        rolls = rolls & (_find_slow_shares(grid, speed) < max_slow_share)
     low, high = np.percentile(ball, [0.5, 99.5])
     near = ball < low + how.end_margin_m, ball > high - how.end_margin_m
     stops = [each if each.mean() > how.min_end_share else np.zeros_like(each) for each in near]
