@@ -217,6 +217,28 @@ def test_on_an_uneven_screen_intervals_are_wide_enough_to_hold_the_truth(tmp_pat
 
 
 @pytest.mark.long
+def test_ageing_that_noise_hides_moves_no_interval_off_the_truth(tmp_path):
+    """Without ageing in the model the residuals looked white, and these intervals missed."""
+    truth = {"rolling": 0.2, "breakaway": 1.24, "delay": 0.041}
+    ageing = (
+        "plant.friction.rolling_mm=0.2",
+        "plant.friction.breakaway_ratio=1.24",
+        "plant.friction.dwell_time=0.62",
+        "plant.friction.stribeck_speed=0.01",
+        "sensors.touch.dead_time=0.041",
+        "sensors.touch.frame_rate=58",
+        "duration=60",
+    )
+    found = identify_twin(read(logged(tmp_path, "excite", *ageing)), DEFAULT_PARAMETERS)
+    assert found.fit.problem.windows.white is None  # explained by an even screen
+    assert found.whiteness.white
+    each = by_name(found)
+    for name, value in truth.items():
+        assert each[name].low <= value <= each[name].high
+    assert each["breakaway"].word == "identified"
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("corner", "seed"), [(6, 204), (10, 7), (15, 105)])
 def test_the_corner_of_the_servo_is_right_on_a_run_of_the_cure(tmp_path, corner, seed):
     settings = ("duration=14", "metrics.start=5", f"plant.servo.bandwidth_hz={corner}")

@@ -150,6 +150,9 @@ def _fit_windows(
 ) -> tuple[tuple[str, ...], Fit[TwinProblem], Whiteness, list[str]]:
     """Fit the parameters, on an even screen or, if that does not explain the log, an uneven one.
 
+    The ageing of the contact at rest is fitted along, whether it is requested or not: noise may
+    hide it in residuals that look white, while it moves breakaway, rolling friction and dead time.
+
     Args:
         log: The log, with the kinds of friction at rest to try.
         windows: Its windows.
@@ -176,12 +179,12 @@ def _fit_windows(
         ]
         return min(fits, key=lambda each: each.found.cost[0])
 
-    fit, notes = best(names), list[str]()
+    more: tuple[str, ...] = AT_REST
+    fit, notes = best((*names, *more)), list[str]()
     white = whiteness(fit)
     progress(0.4)
     if white.white and len(fit.problem.windows) >= selection.even_screen_share * len(windows):
         return names, fit, white, notes
-    more: tuple[str, ...] = AT_REST
     rough = best((*names, *more), uneven=True)
     if "viscous" not in names and has_viscous_friction(rough, selection):
         more = (*more, "viscous")

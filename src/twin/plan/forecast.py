@@ -243,7 +243,7 @@ def _expect_even(
     On an even rig it is at the rig's own numbers. On any other it is at the numbers that come
     nearest, with the residuals of the run: what the model lacks makes more of them than the noise.
     """
-    fitted = fitted_parameters(names, windows.axes)
+    fitted = fitted_parameters((*names, *AT_REST), windows.axes)
     problem = TwinProblem(windows, fitted, log.model, belief.grip, noise=TWIN_SELECTION.noise)
     theta = np.array([[belief.values[name] for name in fitted]])
     starts = fit_starts_from_scratch(problem, theta, how.start_steps)
