@@ -42,8 +42,8 @@ from twin.scenario.schema import at_study_step
 from twin.shadow.belief import logs
 from twin.shadow.evidence import gaps
 from twin.shadow.learning import (
-    CHANCE,
     COMPARED_PARAMETERS,
+    HEALTHY_CHANGE_STDS,
     LEARNING_S,
     MAX_CHANCE_STDS,
     Difference,
@@ -316,7 +316,7 @@ def page(
             (
                 name,
                 *(f"{value:.2g}" for value in fit_chance(tried, name)),
-                *(f"{CHANCE[name][key]:.2g}" for key in ("scale", "between")),
+                *(f"{HEALTHY_CHANGE_STDS[name][key]:.2g}" for key in ("scale", "between")),
                 f"{largest_deviation(tried, name):.1f}",
             )
             for name in COMPARED_PARAMETERS

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from twin.base.errors import LogError
+from twin.identify import command_model
 from twin.identify.any_rig import AXIS_SELECTION, _assess_axis, identify_axes
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
@@ -16,14 +17,17 @@ from twin.identify.command_model import TiltHistory
 from twin.identify.drive_effects import profile, profile_contenders
 from twin.identify.fallback import PLAIN_WHY
 from twin.identify.first_look import (
-    WEAK_FORM,
+    find_misfits,
+    look_at_any_motion,
+    look_at_rolling_in_several_ways,
     look_first,
+    look_linearly,
     look_plainly,
-    look_plainly_in_several_ways,
 )
 from twin.identify.further_terms import find_significance, find_term
 from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
 from twin.identify.plain_model import AxisFit, fit_axis
+from twin.identify.weak_form import WEAK_FORM, WeakWindows, make_grids
 from twin.identify.windows import axis_windows, spans
 
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
@@ -57,9 +61,29 @@ def test_a_first_look_finds_gain_delay_and_level_of_a_rig(log):
     told = found.describe("x", "rad")
     assert told.startswith("first look, x: gain ")
     assert "end stop" not in told
-    assert "+- is scatter alone" in told
-    assert "without friction" not in told
-    assert "by a plain model without friction" in replace(found, plain=True).describe("x", "rad")
+
+
+def test_a_first_look_states_intervals_that_hold_its_variants_and_the_terms_it_has(log):
+    found = look_first(log)
+    assert found.variants
+    low, high = found.interval("gain")
+    for each in (found, *found.variants):
+        assert low <= each.gain - 2 * each.gain_std
+        assert each.gain + 2 * each.gain_std <= high
+    assert low < TRUTH["gain"] < high
+    far = replace(found.variants[0], gain=20.0, gain_std=0.5)
+    wider = replace(found, variants=(*found.variants, far))
+    assert wider.interval("gain") == (low, 21.0)
+    assert "to 21 m/s^2 by rad" in wider.describe("x", "rad")
+    assert "+-" not in found.describe("x", "rad")
+    # what a look lacks is what its terms lack, whatever its windows are
+    for plain in (True, False):
+        rubbed, smooth = (
+            replace(found, plain=plain, terms=terms).describe("x", "rad")
+            for terms in (("friction", "camber"), ("damping",))
+        )
+        assert "without friction" not in rubbed
+        assert "without friction" in smooth
 
 
 def test_a_first_look_leaves_out_where_the_ball_is_at_an_end_stop():
@@ -108,14 +132,96 @@ def test_the_plain_model_is_found_by_windows_of_any_motion():
         assert (found.explained > 0.999) == damped
     found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9)
     assert found.damping == pytest.approx(damping, rel=0.02)
-    several = look_plainly_in_several_ways(AxisLog(time, sent, False, time, ball))
+    log = AxisLog(time, sent, False, time, ball)
+    several = look_linearly(make_grids(log, WEAK_FORM.plain_windows_s))
     assert several[0].damping == pytest.approx(damping, rel=0.02)
     assert len(several) == 4
 
 
+def test_all_looks_share_one_tilt_and_none_between_end_stops_is_computed_twice(monkeypatch, log):
+    solve, drive, solved, driven = WeakWindows.solve, command_model.drive_path, [], []
+
+    def count_solve(windows, terms, lever):
+        solved.append((windows.grid.half, terms, lever))
+        return solve(windows, terms, lever)
+
+    def count_drive(*args):
+        driven.append(args)
+        return drive(*args)
+
+    monkeypatch.setattr(WeakWindows, "solve", count_solve)
+    monkeypatch.setattr(command_model, "drive_path", count_drive)
+    assert look_at_rolling_in_several_ways(log, (-0.05, 0.0, 0.05))
+    assert len(solved) == len(set(solved)) > 10
+    assert len(driven) == 1
+    assert look_at_any_motion(log, (-0.05, 0.0, 0.05))
+    assert len(driven) == 2
+
+
+def exact_motion(friction, lever=0.0, seconds=40.0):
+    """A log of x'' = 6 (u - lever u''/g) - friction sign(x') without noise, and how it begins."""
+    h = 1e-3
+    time = h * np.arange(round(seconds / h))
+    tilt, bend = np.zeros((2, len(time)))
+    for size, w in ((0.03, 1.1), (0.02, 2.7), (0.02, 4.9)):
+        tilt += size * np.cos(w * time)
+        bend -= size * w**2 * np.cos(w * time)
+    push = 6.0 * (tilt - lever / 9.81 * bend)
+    x, v, places = 0.0, 0.0, np.empty_like(time)
+    for k, each in enumerate(push):
+        v += h * (each - friction * np.sign(v))
+        x += h * v
+        places[k] = x
+    seen = slice(None, None, 10)
+    return AxisLog(time[seen], tilt[seen], False, time[seen], places[seen])
+
+
+def test_no_negative_friction_is_believed():
+    """A log with it is that of no rig: the others are then what they are without friction."""
+    log = exact_motion(-0.02)
+    (grid,) = make_grids(log, (0.4,))
+    windows = WeakWindows.of(grid, rolling=True)
+    bounded, without = (
+        windows.solve(terms, 0.0) for terms in (("friction", "camber"), ("camber",))
+    )
+    assert bounded.values[2] == 0.0
+    assert np.delete(bounded.values, 2) == pytest.approx(without.values, abs=1e-12)
+    assert bounded.explained == without.explained
+    assert bounded.stds[2] > 0
+    positive = WeakWindows.of(make_grids(exact_motion(0.02), (0.4,))[0], rolling=True)
+    assert positive.solve(("friction", "camber"), 0.0).values[2] == pytest.approx(0.02, abs=2e-3)
+
+
+def test_looks_are_compared_at_the_same_windows():
+    """A window that only one look explains is evidence for it, not an outlier of both."""
+    rng = np.random.default_rng(0)
+    first = look_at_any_motion(exact_motion(0.02), (0.0,))[0]
+    residuals = rng.standard_normal(100)
+    every = np.ones(100, bool)
+    some = np.arange(100) < 80
+    one = replace(first, windows=25, residuals=residuals, kept=every)
+    other = replace(first, windows=20, residuals=np.where(some, residuals, 30.0), kept=some)
+    misfits = find_misfits((one, None, other))
+    assert misfits[1] == np.inf
+    assert misfits[0] == pytest.approx(25 * np.log((residuals**2).mean()))
+    assert misfits[2] == pytest.approx(25 * np.log((other.residuals**2).mean()))
+    # an outlier of both counts for none
+    both = find_misfits((replace(one, windows=20, kept=some), other))
+    assert both == pytest.approx(np.full(2, 20 * np.log((residuals[some] ** 2).mean())))
+
+
+@pytest.mark.parametrize("look", [look_at_any_motion, look_at_rolling_in_several_ways])
+def test_the_best_look_has_a_lever_only_where_the_log_shows_it(look):
+    levers = (-0.08, 0.0, 0.155)
+    with_lever = look(exact_motion(0.02, 0.155), levers)
+    assert with_lever[0].gain == pytest.approx(6.0, rel=0.02)
+    assert look(exact_motion(0.02), levers)[0].gain == pytest.approx(6.0, rel=0.02)
+
+
 def test_no_negative_damping_is_believed():
     time, ball, sent = linear_motion(6.0, -0.8, 0.15)
-    looks = look_plainly_in_several_ways(AxisLog(time, sent, False, time, ball))
+    log = AxisLog(time, sent, False, time, ball)
+    looks = look_linearly(make_grids(log, WEAK_FORM.plain_windows_s))
     assert looks
     assert all(each.damping == 0 for each in looks)
 

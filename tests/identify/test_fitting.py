@@ -16,14 +16,9 @@ from twin.identify.parameters import SERVO_PARAMETER
 from twin.identify.plate_motion import Drives, check_motion, fit_drives, servo_response
 from twin.identify.prepare import SPEED_INTERVAL_S, PreparedLog, Segment, paces, rests, speed
 from twin.identify.report import parameters, sentences
-from twin.identify.twin_model import (
-    TwinIdentification,
-    TwinProblem,
-    _assess_ball,
-    _assess_servo,
-    _find_creeping,
-    whiteness,
-)
+from twin.identify.twin_fit import TwinProblem, _find_creeping
+from twin.identify.twin_model import TwinIdentification
+from twin.identify.twin_verdicts import _assess_ball, _assess_servo, whiteness
 from twin.identify.verdicts import BOUNDED_VERDICT, IDENTIFIED_VERDICT, REJECTED_VERDICT
 from twin.identify.windows import (
     MAP_SPACING_M,

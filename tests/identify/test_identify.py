@@ -17,7 +17,8 @@ from twin.identify.parameters import BALL_PARAMETERS, DEFAULT_PARAMETERS, SERVO_
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
-from twin.identify.twin_model import TwinIdentification, _assess_servo, identify_twin
+from twin.identify.twin_model import TwinIdentification, identify_twin
+from twin.identify.twin_verdicts import _assess_servo
 from twin.identify.verdicts import HOLD_OUT, ParameterVerdict
 from twin.run.finished import record_run, run
 from twin.run.opened import open_run
@@ -213,6 +214,28 @@ def test_on_an_uneven_screen_intervals_are_wide_enough_to_hold_the_truth(tmp_pat
         assert each[name].low <= truth <= each[name].high
     assert each["rolling"].word == "identified"
     assert each["rolling"].high - each["rolling"].low > 0.01  # an even one: 0.004
+
+
+@pytest.mark.long
+def test_ageing_that_noise_hides_moves_no_interval_off_the_truth(tmp_path):
+    """Without ageing in the model the residuals looked white, and these intervals missed."""
+    truth = {"rolling": 0.2, "breakaway": 1.24, "delay": 0.041}
+    ageing = (
+        "plant.friction.rolling_mm=0.2",
+        "plant.friction.breakaway_ratio=1.24",
+        "plant.friction.dwell_time=0.62",
+        "plant.friction.stribeck_speed=0.01",
+        "sensors.touch.dead_time=0.041",
+        "sensors.touch.frame_rate=58",
+        "duration=60",
+    )
+    found = identify_twin(read(logged(tmp_path, "excite", *ageing)), DEFAULT_PARAMETERS)
+    assert found.fit.problem.windows.white is None  # explained by an even screen
+    assert found.whiteness.white
+    each = by_name(found)
+    for name, value in truth.items():
+        assert each[name].low <= value <= each[name].high
+    assert each["breakaway"].word == "identified"
 
 
 @pytest.mark.long

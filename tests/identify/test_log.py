@@ -14,7 +14,8 @@ from twin.identify.logs import LOG_COLUMN_UNITS, read
 from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, choose_parameters
 from twin.identify.prepare import prepare
 from twin.identify.samples import find_noise
-from twin.identify.twin_model import TwinProblem, identify_twin, replay_log
+from twin.identify.twin_fit import TwinProblem
+from twin.identify.twin_model import identify_twin, replay_log
 from twin.identify.verdicts import HOLD_OUT, score
 from twin.run.finished import record_run, run
 from twin.run.logs import NEEDED_COLUMNS

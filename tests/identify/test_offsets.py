@@ -61,12 +61,17 @@ def test_the_level_at_zero_has_the_error_of_the_gain_as_well():
     assert "about 1500 count, where the level is 0.05" in note
 
 
-def test_without_the_gain_no_level_at_zero_is_known():
-    gain = replace(verdict("gain", 0.003, 1e-4), value=None, low=None, high=None)
-    (_, level), _ = tell_level_at_zero(
-        [gain, verdict("level", 0.05, 0.01)], {"x": 1500.0}, {"x": "count"}
-    )
-    assert (level.value, level.word) == (None, NOT_IDENTIFIABLE)
+@pytest.mark.parametrize("name", ["gain", "level"])
+@pytest.mark.parametrize("lost", [("value", "low", "high"), ("low", "high"), ("high",)])
+def test_a_level_at_zero_is_known_only_with_values_and_intervals_of_level_and_gain(name, lost):
+    """A level without an interval used to stay as it is at the middle, 4.5 m/s^2 off."""
+    verdicts = [verdict("gain", 0.003, 1e-4), verdict("level", 0.05, 0.01)]
+    k = ("gain", "level").index(name)
+    verdicts[k] = replace(verdicts[k], word=NOT_IDENTIFIABLE, **dict.fromkeys(lost))
+    (_, level), _ = tell_level_at_zero(verdicts, {"x": 1500.0}, {"x": "count"})
+    assert (level.value, level.low, level.high) == (None, None, None)
+    assert level.word == NOT_IDENTIFIABLE
+    assert f"and the {name}" in level.why
 
 
 @pytest.mark.long

@@ -13,8 +13,8 @@ from twin.shadow.alarms import SequentialTests
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
 from twin.shadow.follow import Shadow
 from twin.shadow.learning import (
-    CHANCE,
     COMPARED_PARAMETERS,
+    HEALTHY_CHANGE_STDS,
     MAX_CHANCE_STDS,
     Difference,
     compare_with_reference,
@@ -74,7 +74,7 @@ def test_a_rig_of_one_axis_has_one_level(monkeypatch):
 
 def rolling_std(value, fit_std):
     """Standard deviation of a difference of the rolling friction."""
-    about = CHANCE["rolling"]
+    about = HEALTHY_CHANGE_STDS["rolling"]
     return np.sqrt((about["scale"] * fit_std) ** 2 + (about["between"] * value) ** 2)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from twin.identify.least_squares import STEP_CONTROL, StepControl, fit_starts
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import TwinProblem
+from twin.identify.twin_fit import TwinProblem
 from twin.scenario import load
 from twin.shadow import evidence
 from twin.shadow.belief import belief_of, logs

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from twin.base.errors import plural
-from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
-    look_at_moving,
+    find_possible_levers,
+    join_looks,
+    look_at_any_motion,
     look_at_rolling_in_several_ways,
-    look_plainly_in_several_ways,
-    look_with_levers,
 )
-from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
+from twin.identify.parameters import plain_parameter
 from twin.identify.verdicts import (
     GIVEN_VERDICT,
     IDENTIFIED_VERDICT,
@@ -63,22 +60,14 @@ def assess_plainly(
     words = {each.name: each.word for each in verdicts}
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
-    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, _possible_levers(log))
-    looks = rolling or _look_at_any_motion(log)
-    if not looks:
+    levers = find_possible_levers(log)
+    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, levers)
+    first, found = join_looks(rolling or look_at_any_motion(log, levers)), {}
+    if first is None:
         return list(verdicts), []
-    first, found = looks[0], {}
     why = PLAIN_WHY if first.plain else ROLLING_WHY
     for name in ("gain", "delay", "level", *first.terms):
-        spans = [
-            (value - 2 * std, value + 2 * std)
-            for value, std in (
-                (getattr(each, name), getattr(each, f"{name}_std"))
-                for each in looks
-                if name not in first.terms or name in each.terms
-            )
-        ]
-        low, high = min(each[0] for each in spans), max(each[1] for each in spans)
+        low, high = first.interval(name)
         key = NAMES.get(name, name)
         about = plain_parameter(key, unit, held=log.held)
         value = getattr(first, name)
@@ -106,30 +95,6 @@ def assess_plainly(
     ]
     given = [each for each in verdicts if each.word == GIVEN_VERDICT]
     return [*found.values(), *kept, *given], [_describe_look(first, axis)]
-
-
-def _look_at_any_motion(log: AxisLog) -> list[FirstLook]:
-    """Looks by windows of any motion, first the one that explains them best for its terms."""
-    linear = look_plainly_in_several_ways(log)
-    rubbed = look_with_levers(log, _possible_levers(log))
-    moving = look_at_moving(log)
-    if not linear or not rubbed:
-        return linear + rubbed + moving
-    # by Bayes's information criterion; a lever is a term as well
-    criteria = [
-        each.misfit + (len(each.terms) + lever) * np.log(each.windows)
-        for each, lever in ((linear[0], 0), (rubbed[0], log.lever is None))
-    ]
-    best = linear + rubbed if criteria[0] <= criteria[1] else rubbed + linear
-    return best + moving
-
-
-def _possible_levers(log: AxisLog) -> Sequence[float]:
-    """Levers in m of a log: all that a rig may have, or a given one within a ruler's error."""
-    if log.lever is None:
-        return PLAIN_PARAMETERS["lever"].tried
-    error = 2 * AXIS_FITTING.drives.height_std_m
-    return (log.lever - error, log.lever, log.lever + error)
 
 
 def _describe_look(look: FirstLook, axis: str) -> str:

@@ -78,7 +78,7 @@ class Estimate:
         return np.where(self.identifiable, half, np.inf)
 
     def first(self, count: int) -> Estimate:
-        """Of the first of its parameters alone."""
+        """The estimate of the first ``count`` parameters alone."""
         noise = np.broadcast_to(self.noise, self.value.shape)[:count]
         return replace(
             self,

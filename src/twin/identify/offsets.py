@@ -92,27 +92,29 @@ def tell_level_at_zero(
         if name != "level" or axis not in offsets:
             continue
         notes.append(_describe(axis, offsets[axis], units[axis], each))
-        if each.value is not None and each.low is not None and each.high is not None:
-            found[k] = _shift(each, known[f"gain_{axis}"], offsets[axis])
+        found[k] = _shift(each, known[f"gain_{axis}"], offsets[axis])
     return found, notes
 
 
 def _shift(level: ParameterVerdict, gain: ParameterVerdict, offset: float) -> ParameterVerdict:
-    """A level at a tilt of zero, by its value at an offset and the gain."""
-    if gain.value is None or gain.low is None or gain.high is None:
-        why = "commands are far from zero, and the gain is not known"
+    """A level at a tilt of zero, by its value at an offset and the gain.
+
+    It is known only as far as both have a value and an interval.
+    """
+    ends = level.value, level.low, level.high, gain.value, gain.low, gain.high
+    known = [each for each in ends if each is not None]
+    if len(known) < len(ends):
+        unknown = "gain" if None in ends[3:] else "level at their middle"
+        why = f"commands are far from zero, and the {unknown} is not known with an interval"
+        why = "; ".join(filter(None, (level.why, why)))
         return replace(level, value=None, low=None, high=None, word=NOT_IDENTIFIABLE, why=why)
-    assert level.value is not None
-    assert level.low is not None
-    assert level.high is not None
-    value = level.value - gain.value * offset
-    ends = sorted(offset * (end - gain.value) for end in (gain.low, gain.high))
-    low = value - math.hypot(level.value - level.low, ends[1])
-    high = value + math.hypot(level.high - level.value, ends[0])
-    about, word = level.about, level.word
-    narrow = (high - low) / 2 <= about.allowed_half_width(value)
-    if word == IDENTIFIED_VERDICT and not narrow:
-        word = NOT_IDENTIFIABLE
+    middle, lowest, highest, slope, *slopes = known
+    value = middle - slope * offset
+    rises = sorted(offset * (end - slope) for end in slopes)
+    low = value - math.hypot(middle - lowest, rises[1])
+    high = value + math.hypot(highest - middle, rises[0])
+    narrow = (high - low) / 2 <= level.about.allowed_half_width(value)
+    word = NOT_IDENTIFIABLE if level.word == IDENTIFIED_VERDICT and not narrow else level.word
     why = "; ".join(filter(None, (level.why, "at a command of zero, far from those of the log")))
     return replace(level, value=value, low=low, high=high, word=word, why=why)
 

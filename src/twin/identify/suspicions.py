@@ -10,8 +10,9 @@ from controllers.ballplate import BallPlate
 from twin.base.page import digits
 from twin.identify.axis_logs import AxisLog
 from twin.identify.balls import GRAVITY_SHARES
-from twin.identify.first_look import WEAK_FORM, FirstLook, look_plainly
+from twin.identify.first_look import FirstLook, look_plainly
 from twin.identify.log_columns import AXIS_COLUMNS
+from twin.identify.weak_form import WEAK_FORM
 
 AXIS_SIGNS = {"x": 1.0, "y": -1.0}
 """The axes, and the sign of the acceleration along them by a positive tilt of the plate."""

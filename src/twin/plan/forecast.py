@@ -37,7 +37,8 @@ from twin.identify.parameters import (
 )
 from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import TWIN_SELECTION, TwinProblem, assess_parameters, whiteness
+from twin.identify.twin_fit import TWIN_SELECTION, TwinProblem
+from twin.identify.twin_verdicts import assess_parameters, whiteness
 from twin.identify.verdicts import ParameterVerdict
 from twin.identify.windows import Windows, cut, moving_spans
 from twin.scenario.schema import Scenario
@@ -242,7 +243,7 @@ def _expect_even(
     On an even rig it is at the rig's own numbers. On any other it is at the numbers that come
     nearest, with the residuals of the run: what the model lacks makes more of them than the noise.
     """
-    fitted = fitted_parameters(names, windows.axes)
+    fitted = fitted_parameters((*names, *AT_REST), windows.axes)
     problem = TwinProblem(windows, fitted, log.model, belief.grip, noise=TWIN_SELECTION.noise)
     theta = np.array([[belief.values[name] for name in fitted]])
     starts = fit_starts_from_scratch(problem, theta, how.start_steps)

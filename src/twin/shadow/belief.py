@@ -18,7 +18,7 @@ from twin.identify.axis_logs import AnyLog
 from twin.identify.balls import ball_inertia
 from twin.identify.logs import Log, of_columns
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import TwinProblem
+from twin.identify.twin_fit import TwinProblem
 from twin.identify.windows import Windows
 from twin.run.assemble import assemble
 from twin.run.loop import drive

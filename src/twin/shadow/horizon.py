@@ -19,7 +19,7 @@ from controllers.observers.friction import gaussian_field
 from twin.identify.least_squares import START_DIFFERENCES, START_PRIOR, fit_starts
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.prepare import ROLL_SPEED_M_S, PreparedLog, Segment, speed
-from twin.identify.twin_model import TwinProblem
+from twin.identify.twin_fit import TwinProblem
 from twin.identify.windows import (
     FORCE_STRETCH_S,
     LOOKBACK_S,

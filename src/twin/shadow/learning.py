@@ -54,7 +54,7 @@ COMPARED_PARAMETERS = (*BALL_BELIEFS, "lag", "transmission", "noise")
 """Parameters that are compared with those of a reference; lost motion is too uncertain for that."""
 REFERENCE_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 """Constants of that comparison; the file explains its entries."""
-CHANCE: dict[str, dict[str, float]] = REFERENCE_TABLES["parameters"]
+HEALTHY_CHANGE_STDS: dict[str, dict[str, float]] = REFERENCE_TABLES["parameters"]
 """Scale on the errors of the fits, and standard deviation by which fits to healthy logs of one rig
 differ beyond these (rolling relative, the noise as a logarithm, else SI), of each parameter."""
 MAX_CHANCE_STDS = float(REFERENCE_TABLES["max_chance_stds"])
@@ -204,8 +204,8 @@ class Difference:
     @property
     def std(self) -> float:
         """Standard deviation of the change if the rig is the same."""
-        chance = CHANCE[self.name]
-        return float(np.hypot(chance["scale"] * self.fit_std, chance["between"] * self.unit))
+        healthy = HEALTHY_CHANGE_STDS[self.name]
+        return float(np.hypot(healthy["scale"] * self.fit_std, healthy["between"] * self.unit))
 
     @property
     def deviation(self) -> float:
@@ -220,19 +220,24 @@ class Difference:
     @property
     def least(self) -> str:
         """The smallest change that chance does not explain, in words."""
-        size = self._size(MAX_CHANCE_STDS * self.std).replace("+", "")
-        return f"{PARAMETER_LABELS[self.name]} below {size.removeprefix('phi ')}"
+        size = self._describe(MAX_CHANCE_STDS * self.std, "size")
+        return f"{PARAMETER_LABELS[self.name]} below {size}"
 
-    def _size(self, change: float) -> str:
-        """A change of this parameter in words."""
+    def _describe(self, change: float, form: str) -> str:
+        """A change of this parameter in words: with its sign, or its size alone.
+
+        Args:
+            change: In the unit of the reference; of the noise its logarithm.
+            form: Of the words in the table of beliefs: words, or size.
+        """
         about = BELIEF_TABLES["parameters"][self.name]
         number = about["factor"] * change / self.unit
-        return str(about["words"].format(np.exp(number) if self.name == "noise" else number))
+        return str(about[form].format(np.exp(number) if self.name == "noise" else number))
 
     @property
     def words(self) -> str:
         """The change in words, as ``rolling friction 0.180 -> 0.360 mm (+100 %)``."""
-        change = self._size(self.change)
+        change = self._describe(self.change, "words")
         label = PARAMETER_LABELS[self.name]
         if self.name not in SHOWN_VALUES:
             return f"{label} {change}"

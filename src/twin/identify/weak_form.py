@@ -1,0 +1,426 @@
+"""The weak form of an axis: windows of a log, and least squares over delays and lags, in a second.
+
+With a test function w that is zero, with its slope, at both ends of a window of time T,
+
+    int w'' x dt = gain int w u(t - d) dt + camber int w x dt + (level - friction sign(v)) int w dt,
+
+is linear in gain, camber, level and friction at each delay d. The noise of the positions matters on
+the left only, where they are differentiated; the tilt has none. Either only windows are taken in
+which the ball rolls in one direction and touches no end of its way, so that neither sticking nor an
+end stop is part of the equation; or longer windows of any motion.
+
+A clock that drifts makes the delay grow with time, which is one column more of the same equation,
+as is an offset of the clock of each recording where several are joined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.signal import fftconvolve, savgol_filter
+
+from controllers.arrays import Array, Mask
+from twin.identify.axis_logs import AxisLog
+from twin.identify.command_model import TiltHistory
+from twin.identify.samples import find_noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeakForm:
+    """Constants of the first look.
+
+    Attributes:
+        step_s: Step of the grid on which integrals are computed.
+        window_s: Length of a window.
+        rolling_windows_s: Lengths of further windows of a ball that rolls in one direction.
+        plain_windows_s: Lengths of windows of any motion, the best first.
+        moving_slow_shares: Shares of a window of any motion in which a ball that is slower than the
+            smallest speed may rest, and friction balance the tilt: largest ones of windows in which
+            it hardly rests.
+        max_gap_steps: Longest time between two samples of a window, in median steps.
+        speed_window_s: Time over which the speed is measured.
+        min_speed_m_s: Speed above which the ball rolls, and its direction is known.
+        friction_speed_m_s: Speed below which friction is taken as proportional to it, where windows
+            hold any motion.
+        end_margin_m: Distance from the ends of the way within which an end stop may be touched.
+        min_end_share: Share of the time near an end above which there may be an end stop.
+        delays_s: Smallest and largest dead time.
+        lags_s: Lags that are tried.
+        outlier_ratio: Residual over the usual one above which a window is left out.
+        min_windows: Smallest number of windows for an answer.
+        min_gain_stds: Smallest gain, in its standard deviations, for an answer.
+        max_residual_share: Largest residual of the equation, as a share of the left side, for an
+            answer.
+        max_noise_share: Largest variance of the left side by the noise of the samples, as a share,
+            for an answer: a controller feeds the noise back, which biases the gain.
+        min_damping_stds: Smallest damping, in its standard deviations, that is believed.
+        min_drift_stds: Smallest drift of a clock, in its standard deviations, that is believed.
+        min_drift: Smallest such drift, as a share.
+        max_likelihood_ratio: Twice the logarithm of a likelihood ratio above which a lever is
+            rejected: the 95 % quantile of chi-squared with one degree of freedom.
+    """
+
+    step_s: float = 0.005
+    window_s: float = 0.4
+    rolling_windows_s: tuple[float, ...] = (0.3, 0.5)
+    plain_windows_s: tuple[float, ...] = (0.9, 0.6)
+    moving_slow_shares: tuple[float, ...] = (0.5, 0.3)
+    max_gap_steps: float = 4.0
+    speed_window_s: float = 0.12
+    min_speed_m_s: float = 0.02
+    friction_speed_m_s: float = 0.005
+    end_margin_m: float = 0.002
+    min_end_share: float = 0.03
+    delays_s: tuple[float, float] = (0.0, 0.5)
+    lags_s: tuple[float, ...] = (0.0, 0.04, 0.08, 0.12)
+    outlier_ratio: float = 4.0
+    min_windows: int = 8
+    min_gain_stds: float = 4.0
+    max_residual_share: float = 0.7
+    max_noise_share: float = 0.1
+    min_damping_stds: float = 3.0
+    min_drift_stds: float = 6.0
+    min_drift: float = 1e-4
+    max_likelihood_ratio: float = 3.84
+
+
+WEAK_FORM = WeakForm()
+
+
+@dataclass(frozen=True, eq=False)
+class WeakGrid:
+    """Evenly spaced positions of an axis, its tilt, and the test function of one length.
+
+    Attributes:
+        log: The axis.
+        tilt: Its tilt without a lever.
+        how: Constants.
+        half: Half a window in steps.
+        time: s, shape (N,).
+        ball: m, shape (N,).
+        weight: Test function, shape (2 half + 1,).
+        slope: Its derivative.
+        bend: Its second derivative.
+    """
+
+    log: AxisLog
+    tilt: TiltHistory
+    how: WeakForm
+    half: int
+    time: Array
+    ball: Array
+    weight: Array
+    slope: Array
+    bend: Array
+    _pushed: dict[tuple[float, float], Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def lever(self) -> float:
+        """The log's lever in m, 0 if none is known."""
+        return self.log.lever or 0.0
+
+    @property
+    def stride(self) -> int:
+        """Steps between the middles of windows, four of which begin in half a window."""
+        return max(1, self.half // 4)
+
+    def apply(self, values: Array, function: Array) -> Array:
+        """Integrals of values on the grid times a function, by the middles of the windows."""
+        return np.asarray(fftconvolve(values, function[::-1], "same"))
+
+    @cached_property
+    def left(self) -> Array:
+        """Left side of the equation by the middles of the windows, shape (N,)."""
+        return self.apply(self.ball - self.ball.mean(), self.bend)
+
+    def noise_share(self, rows: NDArray[np.intp]) -> float:
+        """Variance of the left side by the noise of the samples in some windows, as a share."""
+        noise = float(find_noise(self.log.ball))
+        sample_step = float(np.median(np.diff(self.log.sampled)))
+        variance = noise**2 * (self.bend @ self.bend) * max(sample_step / self.how.step_s, 1.0)
+        return float(variance / max(float(np.var(self.left[rows])), 1e-30))
+
+    def push(self, rows: NDArray[np.intp], lag: float, lever: float) -> Array:
+        """Integrals of the tilt in swings at each delay, and a step less and more, (K + 2, R).
+
+        Args:
+            rows: Middles of R windows.
+            lag: s.
+            lever: m.
+        """
+        h = self.how.step_s
+        first, last = (round(each / h) for each in self.how.delays_s)
+        if (lag, lever) not in self._pushed:
+            back = h * np.arange(last + 1, 0, -1)
+            after = self.time[-1] + h * np.arange(1, 2)
+            whole = np.concatenate((self.time[0] - back, self.time, after))
+            tilt = self.tilt.at(whole, lag, 0.0, 0.0, 0.0, lever)
+            self._pushed[lag, lever] = self.apply(tilt, self.weight)
+        delays = np.arange(first - 1, last + 2)[:, None]
+        return np.asarray(self._pushed[lag, lever][rows + last + 1 - delays])
+
+
+def make_grids(
+    log: AxisLog, windows_s: Sequence[float], how: WeakForm = WEAK_FORM
+) -> list[WeakGrid]:
+    """Grids of a log for windows of several lengths, which share its tilt.
+
+    Without those of which the log is shorter than two windows; none if nothing was tilted.
+
+    Args:
+        log: The axis.
+        windows_s: Lengths of the windows.
+        how: Constants.
+    """
+    h, tilt = how.step_s, TiltHistory(replace(log, lever=None))
+    time = np.arange(log.sampled[0], log.sampled[-1], h)
+    ball = np.interp(time, log.sampled, log.ball)
+    halves = [round(each / h / 2) for each in windows_s if np.ptp(log.tilt)]
+    return [
+        WeakGrid(log, tilt, how, half, time, ball, *_make_test_function(half, h))
+        for half in halves
+        if len(time) >= 4 * half
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class WeakWindows:
+    """Windows of one kind, R of them.
+
+    Attributes:
+        grid: Of which they are windows.
+        rows: Indices of their middles on the grid, shape (R,).
+        speed: Of the ball on the grid, m/s, shape (N,).
+        near: When the ball is near either end, shapes (N,).
+        rolling: Whether the ball rolls in one direction in all of them, or moves in any way.
+    """
+
+    grid: WeakGrid
+    rows: NDArray[np.intp]
+    speed: Array
+    near: tuple[Mask, Mask]
+    rolling: bool
+
+    @classmethod
+    def of(
+        cls, grid: WeakGrid, *, rolling: bool, max_slow_share: float = 1.0
+    ) -> WeakWindows | None:
+        """The windows of a grid; None if they are too few, or noise is most of them.
+
+        Args:
+            grid: Of a log.
+            rolling: Whether the ball has to roll in one direction all the time.
+            max_slow_share: Share of a window of any motion above which the ball may rest there.
+        """
+        free, speed, near = _find_free_windows(grid, max_slow_share, rolling=rolling)
+        rows = np.flatnonzero(free)[:: grid.stride]
+        how = grid.how
+        if len(rows) < 4 * how.min_windows or grid.noise_share(rows) > how.max_noise_share:
+            return None
+        return cls(grid, rows, speed, near, rolling)
+
+    @property
+    def sticks(self) -> bool:
+        """Whether friction may hold the ball, and balance the tilt, in most of the windows."""
+        how = self.grid.how
+        slow = _find_slow_shares(self.grid, self.speed)[self.rows]
+        return bool(np.median(slow) > how.moving_slow_shares[0])
+
+    def solve(self, terms: tuple[str, ...], lever: float) -> WeakSolution | None:
+        """Least squares over delays and lags, without outliers; None of too few windows.
+
+        No friction is negative: where it would be, it is zero, and the others are those without it.
+
+        Args:
+            terms: Terms next to gain, delay and level: damping, friction, camber.
+            lever: m.
+        """
+        grid, rows, how = self.grid, self.rows, self.grid.how
+        columns = {
+            "damping": (grid.ball, grid.slope),
+            "friction": (-np.clip(self.speed / how.friction_speed_m_s, -1.0, 1.0), grid.weight),
+            "camber": (grid.ball, grid.weight),
+        }
+        level = np.full(len(rows), grid.weight.sum())
+        others = [level, *(grid.apply(*columns[term])[rows] for term in terms)]
+        found = _solve(grid, rows, np.stack(others, axis=-1), lever)
+        if found is None or "friction" not in terms:
+            return found
+        k = 2 + terms.index("friction")
+        if found.values[k] >= 0:
+            return found
+        without = self.solve(tuple(term for term in terms if term != "friction"), lever)
+        if without is None:
+            return None
+        values, stds = np.insert(without.values, k, 0.0), np.insert(without.stds, k, found.stds[k])
+        return replace(without, values=values, stds=stds)
+
+
+@dataclass(frozen=True, eq=False)
+class WeakSolution:
+    """Least-squares solution of the equation of R windows.
+
+    Attributes:
+        lag: The best lag, s.
+        delay: The best dead time, s.
+        values: Gain by swing of the tilt, and the other values.
+        stds: Their standard deviations.
+        residuals: Of the equation in the windows, shape (R,).
+        kept: Windows that are no outliers, shape (R,).
+        explained: Share of the variance of the left side.
+        independent: Number of windows end to end.
+        drift: By how much the delay grows with time, and its standard deviation.
+        delay_std: Standard deviation of the delay, s.
+    """
+
+    lag: float
+    delay: float
+    values: Array
+    stds: Array
+    residuals: Array
+    kept: Mask
+    explained: float
+    independent: float
+    drift: tuple[float, float]
+    delay_std: float
+
+
+def _solve(
+    grid: WeakGrid, rows: NDArray[np.intp], others: Array, lever: float
+) -> WeakSolution | None:
+    """Least squares over delays and lags, without outliers; None of too few windows.
+
+    Args:
+        grid: Positions and tilt.
+        rows: Middles of the windows, R of them.
+        others: Columns of the equation next to the tilt's, shape (R, C).
+        lever: m.
+    """
+    how, left = grid.how, grid.left[rows]
+    h = how.step_s
+    # one step more at each end, for the slope by the delay
+    pushed = {lag: grid.push(rows, lag, lever) for lag in how.lags_s}
+    kept, columns, off = np.ones(len(rows), bool), others, left
+    lag, k = 0.0, 0
+    for _ in range(3):
+        if kept.sum() < 4 * how.min_windows:
+            return None
+        lag, k = _find_delay(pushed, others, left, kept)
+        columns = np.column_stack((pushed[lag][k], others))
+        found = np.linalg.lstsq(columns[kept], left[kept], rcond=1e-9)[0]
+        off = columns @ found - left
+        usual = 1.4826 * float(np.median(np.abs(off[kept])))
+        kept = np.abs(off) < how.outlier_ratio * usual
+    # windows overlap: as many are independent as fit end to end
+    independent = float(kept.sum() * grid.stride / grid.half)
+    scatter = float((off[kept] ** 2).mean())
+    share = independent / kept.sum()
+    stds = _deviations(columns[kept], scatter, share)
+    turned = (pushed[lag][k + 1] - pushed[lag][k - 1]) / (2 * h)
+    changes = grid.log.clock_columns(grid.time[rows])
+    wider = np.column_stack((columns, turned, turned[:, None] * changes))
+    values = np.linalg.lstsq(wider[kept], left[kept], rcond=1e-9)[0]
+    rest = float(((wider @ values - left)[kept] ** 2).mean())
+    by_delay = _deviations(wider[kept], rest, share) / abs(float(found[0]))
+    return WeakSolution(
+        lag=lag,
+        delay=(round(how.delays_s[0] / h) - 1 + k) * h,
+        values=found,
+        stds=stds,
+        residuals=off,
+        kept=kept,
+        explained=1 - scatter / max(float(np.var(left[kept])), 1e-30),
+        independent=independent,
+        drift=(float(values[-1] / found[0]), float(by_delay[-1])),
+        delay_std=float(by_delay[columns.shape[1]]),
+    )
+
+
+def _find_delay(
+    pushed: Mapping[float, Array], others: Array, left: Array, kept: Mask
+) -> tuple[float, int]:
+    """The lag and the index of the delay with the least residual.
+
+    Args:
+        pushed: Lag to the tilt's integrals at each delay, shape (K, R).
+        others: The other columns, shape (R, C).
+        left: Left side, shape (R,).
+        kept: Windows that count, shape (R,).
+    """
+    basis = np.linalg.qr(others[kept])[0]
+    target = left[kept] - basis @ (basis.T @ left[kept])
+    gained = {}
+    for lag, every in pushed.items():
+        each = every[1:-1, kept]
+        each = each - (each @ basis) @ basis.T
+        size = np.maximum((each**2).sum(axis=1), 1e-30)
+        gained[lag] = (each @ target) ** 2 / size
+    lag = max(gained, key=lambda each: float(gained[each].max()))
+    return lag, 1 + int(gained[lag].argmax())
+
+
+def _deviations(columns: Array, scatter: float, share: float) -> Array:
+    """Standard deviations of a solution; a share of the rows are independent of each other."""
+    normal = columns.T @ columns * share
+    return np.asarray(np.sqrt(scatter * np.diagonal(np.linalg.pinv(normal))))
+
+
+def _make_test_function(half: int, step: float) -> tuple[Array, Array, Array]:
+    """The test function (1 - s^2)^3 and its two derivatives as weights of samples, (2 half + 1,).
+
+    The sums of the second are right for a parabola to the last digit: zero for a straight line, and
+    the sum of the first for t^2 / 2.
+    """
+    s = np.arange(-half, half + 1) / half
+    weight = step * (1 - s**2) ** 3
+    slope = -6 * s * (1 - s**2) ** 2 / half
+    bend = step * 6 * (1 - s**2) * (5 * s**2 - 1)
+    lines = np.linalg.qr(np.stack((np.ones_like(s), s), axis=-1))[0]
+    bend = bend - lines @ (lines.T @ bend)
+    parabola = (half * step * s) ** 2 / 2
+    return weight, slope, bend * (weight.sum() / (bend @ parabola))
+
+
+def _find_slow_shares(grid: WeakGrid, speed: Array) -> Array:
+    """Share of a window in which the ball may rest, by the middle of the window, shape (N,)."""
+    slow = (np.abs(speed) < grid.how.min_speed_m_s).astype(float)
+    return np.asarray(uniform_filter1d(slow, 2 * grid.half + 1))
+
+
+def _find_free_windows(
+    grid: WeakGrid, max_slow_share: float, *, rolling: bool
+) -> tuple[Mask, Array, tuple[Mask, Mask]]:
+    """Middles of windows without gap and end stop, the speed, and when the ball is at either end.
+
+    Args:
+        grid: Positions of the axis.
+        max_slow_share: Share of a window of any motion above which the ball may rest there.
+        rolling: Whether the ball has to roll in one direction all the time.
+    """
+    log, how = grid.log, grid.how
+    time, ball, size = grid.time, grid.ball, 2 * grid.half + 1
+    samples = max(5, round(how.speed_window_s / how.step_s) | 1)
+    speed = savgol_filter(ball, samples, 2, deriv=1, delta=how.step_s)
+    fastest, slowest = (each(speed, size) for each in (maximum_filter1d, minimum_filter1d))
+    least = np.maximum(slowest, -fastest) if rolling else np.maximum(fastest, -slowest)
+    rolls = least > how.min_speed_m_s
+    if not rolling and max_slow_share < 1:
+        rolls = rolls & (_find_slow_shares(grid, speed) < max_slow_share)
+    low, high = np.percentile(ball, [0.5, 99.5])
+    near = ball < low + how.end_margin_m, ball > high - how.end_margin_m
+    stops = [each if each.mean() > how.min_end_share else np.zeros_like(each) for each in near]
+    known = np.interp(time, log.sampled, log.touching) > 0
+    touched = maximum_filter1d((stops[0] | stops[1] | known).astype(np.uint8), size) > 0
+    step = float(np.median(np.diff(log.sampled)))
+    gap = np.diff(log.sampled) > how.max_gap_steps * step
+    last = np.clip(np.searchsorted(log.sampled, time, "right") - 1, 0, len(gap) - 1)
+    missing = maximum_filter1d(gap[last].astype(np.uint8), size) > 0
+    inside = np.zeros(len(time), bool)
+    inside[grid.half : len(time) - grid.half] = True
+    free = inside & rolls & ~touched & ~missing
+    return free, speed, near
