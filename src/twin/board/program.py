@@ -62,6 +62,23 @@ TARGETS = {
 """Targets by the names that ``board.program`` gives them."""
 
 
+def check_program(program: str, called: str) -> None:
+    """Make sure that there is a target or file of a name.
+
+    Args:
+        program: The name.
+        called: What a message calls it: a key or an option.
+
+    Raises:
+        ScenarioError: If there is neither.
+    """
+    if program not in TARGETS and not Path(program).is_file():
+        raise ScenarioError(
+            f"{called}: must be {', '.join(TARGETS)} or the file of a program, there is "
+            f"no '{program}'"
+        )
+
+
 class Size(NamedTuple):
     """Memory of a program.
 

@@ -134,7 +134,13 @@ def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
 
 
-OPTION_NAMES = {"on": "--rig", "variants": "--with", "faults": "--fault"}
+OPTION_NAMES = {
+    "on": "--rig",
+    "variants": "--with",
+    "faults": "--fault",
+    "since": "--from",
+    "until": "--to",
+}
 """Arguments of the package that differ in name from their option."""
 
 
@@ -178,7 +184,7 @@ class Terminal(Reporter):
 
     def name_of(self, argument: str) -> str:
         """The option that an argument is."""
-        return OPTION_NAMES.get(argument, f"--{argument}")
+        return OPTION_NAMES.get(argument, f"--{argument.replace('_', '-')}")
 
 
 TERMINAL = Terminal()

@@ -163,16 +163,16 @@ def identify(
         return 1
     for name in ("on", "ball_height"):
         if how["columns"] is None and how[name] is not None:
-            raise ScenarioError(
-                f"--{name.replace('_', '-')}: needs --columns; a run states its rig"
-            )
+            option = f"--{name.replace('_', '-')}"
+            raise ScenarioError(f"{option}: needs --columns; a run states its rig")
     hold_out = _held_out(held)
     from ballplate.identifying import identify as identify_log
-    from twin.identify.report import TABLE_HEADINGS, rows
-    from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
 
     folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
+    from twin.identify.report import TABLE_HEADINGS, rows
+    from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
+
     done.save(folder)
     found = done.found
     why = (f"{each.label}: {each.why}" for each in found.verdicts if each.why)
@@ -216,12 +216,21 @@ UNKNOWN_COLUMNS_TEXT = "This log has no columns of the names that this program k
 
 
 def _held_out(held: tuple[str, ...]) -> float | list[Path]:
-    """The share that is held out, or the logs that are."""
+    """The share that is held out, or the logs that are.
+
+    Raises:
+        LogError: If it is neither a number nor a log.
+    """
     try:
         (share,) = map(float, held or (round(1 - FITTED_SHARE, 2),))
     except ValueError:
+        pass
+    else:
+        return share
+    try:
         return [log_file(Path(each)) for each in held]
-    return share
+    except LogError as error:
+        raise LogError(f"--hold-out: {error}; a share is a number, as 0.3") from None
 
 
 @options.command(example="fit friction_of_two_series")
@@ -406,6 +415,9 @@ def whatif(
     estimated state. Without --set and --branch nothing is changed.
     """
     run = log_file(run)  # a wrong name is reported before anything heavy is imported
+    options.check_settings(settings, "--set")
+    for branch in branches:
+        options.check_settings(filter(str.strip, branch.split(";")), "--branch")
     if log["columns"] is not None:
         _check_columns([run], log)
     from twin.base.jobs import SecondProcess, cores
