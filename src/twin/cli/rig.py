@@ -209,11 +209,6 @@ def emulate(
     Y (mm) for a finger, unplug and plug for the screen, lag for how far it is behind the clock;
     faults of drives and frames: an unknown word lists them. Ctrl-C ends it.
     """
-    from contextlib import ExitStack
-
-    from twin.emulator.control import control_socket
-    from twin.emulator.serve import VirtualRig, come_forward
-
     if eds is not None:
         if kind == "akd":
             raise RigError("--eds: needs --drive cia402; the EDS of an AKD comes from its maker")
@@ -222,6 +217,11 @@ def emulate(
         write_whole(eds, eds_text())
         say(f"written to {eds}")
         return 0
+    from contextlib import ExitStack
+
+    from twin.emulator.control import control_socket
+    from twin.emulator.serve import VirtualRig, come_forward
+
     kind = kind or "akd"
     own_host = kind == "akd" and not bus.startswith("udp_multicast")
     if file is not None and not own_host:
