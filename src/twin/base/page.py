@@ -238,6 +238,11 @@ def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
     write_whole(path, html(title, blocks))
 
 
+def percent(share: float, decimals: int = 1) -> str:
+    """A share in percent, as ``17.8 %``."""
+    return f"{100 * share:.{decimals}f} %"
+
+
 def digits(value: Any, unit: str = "", places: int = 4) -> str:
     """A value in the digits a person wants to read; one in m as mm, if that is its unit."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):

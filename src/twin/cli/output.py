@@ -158,7 +158,8 @@ class Terminal(Reporter):
         """
         if not errors.is_terminal:
             say_line = partial(click.echo, err=True)
-            say_line(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...")
+            begin = f": {format_progress(0, total, unit, '')}" if unit else ""
+            say_line(f"{what}{begin} ...")
             yield now_and_then(what, total, unit, say_line)
             return
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
