@@ -102,9 +102,9 @@ def run(
     warn_of_replaced((scenario, *others), changed, report)
     from ballplate.results import Result, save_without_picture
     from twin.base.jobs import SecondProcess, cores
-    from twin.run.assemble import PLANTS
     from twin.run.finished import draw
     from twin.run.opened import holds_finished
+    from twin.run.plants import PLANTS
 
     folder = writable(out, report)
     if folder is not None and on is not None:

@@ -472,7 +472,7 @@ def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
     from controllers.analysis import instability, loop_row
-    from twin.run.assemble import build_controller
+    from twin.run.controller_building import build_controller
 
     controller = build_controller(scenario)
     late = dict(zip(("dead_time", "lag"), scenario.lateness, strict=True))

@@ -27,7 +27,8 @@ from twin.base.errors import RigError, plural
 from twin.base.programs import find_error_line, find_program
 from twin.emulator.can_bus import check_pseudo_terminals
 from twin.hal.interface import Touch
-from twin.run.assemble import build_devices, build_plant
+from twin.run.assemble import build_devices
+from twin.run.plants import build_plant
 from twin.scenario.schema import Scenario
 
 CLOCK_HZ = 16_000_000

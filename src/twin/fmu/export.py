@@ -34,7 +34,9 @@ from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
 from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
-from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_reference, own_errors
+from twin.run.plants import build_friction, linkage_of
 from twin.scenario.describe import UNIT_PATTERN, meanings
 from twin.scenario.rig_tables import RIG_CLASSES, left_out
 from twin.scenario.schema import Scenario, changed_in_vain

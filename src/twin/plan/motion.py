@@ -35,7 +35,7 @@ from twin.plan.experiment import (
     forecast_runs,
     round_plainly,
 )
-from twin.run.assemble import build_reference
+from twin.run.controller_building import build_reference
 from twin.scenario.load import read
 from twin.scenario.rig_tables import RigLimitsTable
 from twin.scenario.schema import Scenario

@@ -173,7 +173,7 @@ class Stage:
         import mujoco  # noqa: PLC0415  heavy, as are the others: a picture from above needs none
 
         from twin.hal.cams import CamTable  # noqa: PLC0415
-        from twin.run.assemble import drawn_mechanism, parts_of  # noqa: PLC0415
+        from twin.run.plants import drawn_mechanism, parts_of  # noqa: PLC0415
         from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
 
         self._gl = mujoco

@@ -25,9 +25,9 @@ from twin.identify.log_columns import wanted_columns
 from twin.identify.logs import Log, read
 from twin.identify.prepare import check_ranges
 from twin.identify.windows import REPLAY_STEP_S
-from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import RUN_COLOURS, styled_figure
+from twin.run.plants import drawn_mechanism
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import resolution
 from twin.shadow.belief import (

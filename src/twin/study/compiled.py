@@ -35,7 +35,7 @@ from twin.fmu.export import (
     surface_of,
     variables,
 )
-from twin.run.assemble import build_reference, control_of, own_errors
+from twin.run.controller_building import build_reference, control_of, own_errors
 from twin.run.metrics import Ending, Motion, Outcome, measure
 from twin.scenario.rig_tables import left_out
 from twin.scenario.schema import Scenario, changed_in_vain

@@ -10,7 +10,7 @@ from twin.base import page
 from twin.base.errors import plural
 from twin.base.page import Block, Code, Table, Text, Verdict, digits, percent
 from twin.base.writing import write_json, write_whole
-from twin.run.assemble import build_law
+from twin.run.controller_building import build_law
 from twin.run.tables import INDICATOR_LABELS, flat
 from twin.scenario.load import setting
 from twin.scenario.schema import CONTROL_TABLES

@@ -12,7 +12,7 @@ from controllers.arrays import Array
 from twin.base.data_file import read_packaged
 from twin.base.page import percent
 from twin.devices.realtime import describe_lateness
-from twin.run.assemble import build_law
+from twin.run.controller_building import build_law
 from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
 
