@@ -56,7 +56,7 @@ class Planned:
         """Write the optimised motion: a scenario, or a table of the reference if it ends in .csv.
 
         Raises:
-            TwinError: If no motion was optimised, the ending is another one, or the file cannot be
+            TwinError: If no motion was optimised, the ending is wrong, or the file cannot be
                 written.
         """
         from twin.plan.motion import write_motion

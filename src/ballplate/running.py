@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 CLEAN_LABEL = "clean model"
 """The same controller on the frictionless equations (5.9) it was designed on."""
 PYTHON_LABEL = "Python"
-"""The run of the controller in Python, shown with that of a program."""
+"""The run of the controller in Python, shown with a program's."""
 WORTH_PROCESS = 5.0
 """Simulated seconds from which a process of its own saves time."""
 

@@ -202,7 +202,7 @@ def emulate(
 ) -> int:
     """Serve emulated drives on a CAN bus and, with a plate, its touch screen on a pty.
 
-    The drives are two AKD on a USB-CAN adapter, also on a pty, unless an option says otherwise.
+    The drives are two AKD on a USB-CAN adapter, also on a pty, unless an option changes it.
 
     It simulates what they turn in real time. Typed lines, or lines sent to the socket of
     --control, act on it: sto and release for the STO button, lift and put for the ball, touch X

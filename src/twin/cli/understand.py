@@ -302,8 +302,8 @@ def shadow(
     --columns a log of any rig, its ball by --on or --ball, or learned from the reference. --ball
     states the ball of a CSV file with named columns, too; a run states its own.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). With --reference it is identified from another
-    log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
+    identified ones: it learns then as with --learn). With --reference it is identified from its
+    log, and several logs are judged, each in a folder of its own. Writes shadow.html and
     shadow.json. Exit code 1 after an alarm, or if a log differs from the reference from its start.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports

@@ -129,13 +129,13 @@ def size_of(firmware: Path) -> Size:
     Raises:
         RigError: If avr-size is missing, or cannot read the file.
     """
-    said = subprocess.run(
+    done = subprocess.run(
         [_find("avr-size"), str(firmware)], capture_output=True, text=True, check=False
     )
-    if said.returncode:
-        why = (said.stderr.splitlines() or ["no message"])[0]
+    if done.returncode:
+        why = (done.stderr.splitlines() or ["no message"])[0]
         raise RigError(f"emulated board: {why}")
-    text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
+    text, data, bss = map(int, done.stdout.splitlines()[1].split()[:3])
     functions = [
         int(line.split("\t")[1])
         for file in firmware.parent.glob("*.su")

@@ -334,7 +334,7 @@ FMI_SOURCES = {
     2: ("instance.c", "instance.h", "fmi.h", "fmi2.c"),
     3: ("instance.c", "instance.h", "fmi.h", "fmi3.c", "fmi3.h", "fmi3_absent.c"),
 }
-"""The C source around a model whose time goes in periods, by the version of the standard."""
+"""The C source around a model with time in periods, by the version of the standard."""
 RIG_PARTS = "Exact equations, drives, touch screen, encoders and limits; without the mechanism."
 """What of a rig is in the FMU, for its description."""
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")

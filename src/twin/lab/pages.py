@@ -1,4 +1,4 @@
-"""Pages of results: a student's, with the picture of a check, and that of the class."""
+"""Pages of results: a student's, with the picture of a check, and the class's."""
 
 from __future__ import annotations
 

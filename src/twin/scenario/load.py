@@ -265,7 +265,7 @@ def _with_real_title(
 
 
 def _with_real_kinds(tables: Mapping[str, Any], merged: Tables) -> Tables:
-    """Tables whose title names reference and law as they run, where another kind was chosen.
+    """Tables with a title that names reference and law as they run, where the kind was changed.
 
     Of a reference the part of the title that names one goes, with its numbers; where none does, the
     new one is named at the end. A law is named only where the old one was.
@@ -490,11 +490,11 @@ def describe_replaced(name: str, settings: Collection[tuple[str, Any]]) -> str:
     tables, source = read(name)
     kinds = [(key, value) for key, value in settings if key == "controller.kind"]
     old = _replaced(put(tables, kinds), [key for key, _ in settings])
-    new, gone = (
+    new, replaced = (
         " and ".join(f"controller.{each}" for each in dict.fromkeys(names))
         for names in (old.values(), old)
     )
-    return f"{new} replaces {gone} of {source}" if old else ""
+    return f"{new} replaces {replaced} of {source}" if old else ""
 
 
 TEXT_KEYS = ("parameters", "board.program")
@@ -662,7 +662,7 @@ MAX_NAMED_KINDS = 4
 
 
 def _catalog_beyond(model: type[BaseModel], table: str) -> BeyondModel:
-    """What the catalog has that a scenario's model, or that of one kind of a table, does not know.
+    """What the catalog has beyond the model of a scenario, or of the settings of one kind.
 
     Args:
         model: The scenario, or the settings of a law, observer or reference.

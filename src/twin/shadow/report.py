@@ -432,7 +432,7 @@ def examine_log(
         overrides: ``KEY=VALUE`` each.
         ball: Of a log that is no run.
         learning: Whether the twin learns before it evaluates.
-        ends: Where end stops or rims stop the ball along x and y, m, as another log shows them; a
+        ends: Where end stops or rims stop the ball along x and y, m, as a second log shows them; a
             log that is no run may show more.
         reference: The twin learned from a reference log, with which the beginning is compared.
 
