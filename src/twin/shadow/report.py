@@ -39,7 +39,7 @@ from twin.shadow.belief import (
     twin_for_log,
 )
 from twin.shadow.causes import Alarm
-from twin.shadow.follow import DIAGNOSIS_S, PENDING_S, LiveFollower, Shadow, shadow
+from twin.shadow.follow import DIAGNOSIS_S, LEAST_TOLD, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
 from twin.shadow.learning import LEARNING_S, SHOWN_LIMITS
 from twin.sim.plant.rim import Ends
@@ -214,6 +214,12 @@ def sentences(found: Shadow) -> list[str]:
             f"Cannot tell: gaps cut the log up, and only {moved_s:.0f} of its {length:.0f} usable "
             "seconds are long enough without one and have a ball that moves. That is no sign of "
             "health."
+        )
+    elif found.verdict == "cannot tell" and found.taught:
+        words.append(
+            f"Cannot tell: the twin learned from the first {LEARNING_S:g} of the log's "
+            f"{length:.0f} usable seconds; after them the ball moved for {moved_s:.1f} s, and "
+            f"{LEAST_TOLD:g} s are needed. That is no sign of health."
         )
     elif found.verdict == "cannot tell":
         words.append(
