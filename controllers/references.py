@@ -613,7 +613,7 @@ def closed_form(reference: Reference) -> ClosedForm | None:
 
 
 def _form_along_x(reference: Reference) -> ClosedForm | None:
-    """The closed form of an ``AlongX``, that of its whole without y; None of any other."""
+    """The closed form of an ``AlongX``: of its whole path without y; None of any other."""
     form = closed_form(reference.whole) if isinstance(reference, AlongX) else None
     if form is None:
         return None

@@ -20,7 +20,8 @@ import pandas as pd
 
 from docs.pages import HERE, filled, write
 from twin.base.writing import write_whole
-from twin.lab.bench import FAMILY_NAME, LOCKED_FILES, MODEL_FILES, Benchmark, enter, hash_file
+from twin.lab.bench import FAMILY_NAME, LOCKED_FILES, MODEL_FILES, Benchmark, hash_file
+from twin.lab.bench_entries import enter
 from twin.run.loop import simulate
 from twin.run.picture import styled_figure
 from twin.study.experiments import Store

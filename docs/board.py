@@ -27,7 +27,7 @@ from twin.board.program import CONTROLLER_NAME, command_of, compile_controller, 
 from twin.board.protocol import encode
 from twin.board.source import sources
 from twin.board.trace import LAWS
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 from twin.run.finished import Run, run
 from twin.scenario.schema import Board, Scenario
 from twin.study.work import code, digest

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from docs.cure_floor import Screen, floor, least
 from docs.pages import HERE, driven, filled, kept, planned, points, said, write
+from twin.base.page import percent
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion, tracking_error
 from twin.study.schema import draw_rigs, read_family
@@ -139,7 +140,7 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "cure", plan=plan, table=table, kinds=KINDS, verdict=verdict, said=said,
         best=lambda task, side: best_of(names, [cell[:2][side] for cell in table[task]]),
         laws=list(zip(names, zip(*table.values(), strict=True), strict=True)),
-        floors=rows, edge=f"{edge:.1%}", floor_task=FLOOR,
+        floors=rows, edge=percent(edge), floor_task=FLOOR,
     )  # fmt: skip
 
 

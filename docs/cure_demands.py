@@ -17,7 +17,8 @@ import numpy as np
 
 from docs.pages import HERE, driven, filled, kept, planned, write
 from twin.base.errors import ScenarioError
-from twin.run.assemble import assemble, build_reference
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_reference
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, code, digest
 

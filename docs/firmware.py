@@ -37,7 +37,7 @@ from twin.emulator.avr import (
     size_of,
 )
 from twin.hal.cams import FixedRatio
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 from twin.safety.trial import FAULT_HEADINGS, FaultRow
 from twin.scenario.load import load
 

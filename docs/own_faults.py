@@ -29,7 +29,7 @@ from twin.hal import agreement, supervisor
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Condition, Severity
 from twin.hal.supervisor import Supervisor
-from twin.run.assemble import build_controller, build_limits
+from twin.run.controller_building import build_controller, build_limits
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder

@@ -24,6 +24,7 @@ from scipy import stats
 from controllers.arrays import Array
 from controllers.ballplate import corner_frequency, time_constant
 from docs.pages import HERE, filled, kept, planned
+from twin.base.errors import plural
 from twin.base.jobs import cores, results
 from twin.base.writing import write_whole
 from twin.cli.options import PROCESSES_OPTION
@@ -426,7 +427,7 @@ def _healthy(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str]]
     ]
     for least, most in itertools.pairwise(UNEVEN):
         some = judged[(judged["uneven"] >= least) & (judged["uneven"] < most)]
-        name = f"on screens uneven by {least:g} to {most:g} % ({len(some)} rigs), median"
+        name = f"on screens uneven by {least:g} to {most:g} % ({plural(len(some), 'rig')}), median"
         rows.append((name, median(some)))
     return rows
 

@@ -20,7 +20,7 @@ from scipy.stats import t as student
 
 from controllers.interfaces import Measurement
 from twin.base.page import markdown
-from twin.run.assemble import build_controllers
+from twin.run.controller_building import build_controllers
 from twin.run.metrics import tracking_error
 
 SEEDS, POLICIES, GENERATIONS, FAMILY_RIGS = 5, 10, 12, 8

@@ -35,7 +35,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     """
     from controllers.analysis import instability, slow_observer
     from controllers.ballplate import LONGEST_LAG
-    from twin.run.assemble import build_controller, own_errors
+    from twin.run.controller_building import build_controller, own_errors
 
     with own_errors():
         controller = build_controller(scenario)

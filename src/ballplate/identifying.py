@@ -20,14 +20,19 @@ HOLD_OUT_SHARE, MAX_HOLD_OUT_SHARE = 0.33, 0.8
 """Share of a log that is held out from the fit unless chosen otherwise, and the largest one."""
 
 
-def check_hold_out(share: float) -> None:
+def check_hold_out(share: float, reporter: Reporter) -> None:
     """Make sure that a share of a log can be held out from its fit.
+
+    Args:
+        share: The share.
+        reporter: Knows what the argument is called.
 
     Raises:
         ScenarioError: If it is out of range.
     """
     if not 0 <= share <= MAX_HOLD_OUT_SHARE:
-        raise ScenarioError(f"hold_out: must be 0 to {MAX_HOLD_OUT_SHARE:g}, got {share:g}")
+        option = reporter.name_of("hold_out")
+        raise ScenarioError(f"{option}: must be 0 to {MAX_HOLD_OUT_SHARE:g}, got {share:g}")
 
 
 @dataclass(repr=False, eq=False)
@@ -134,17 +139,19 @@ def identify(
     from twin.identify.parameters import PLAIN_PARAMETERS, choose_parameters
     from twin.scenario import load
 
+    report = reporter or default()
     if isinstance(hold_out, float | int):
-        check_hold_out(hold_out)
+        check_hold_out(hold_out, report)
     names = [parameters] if isinstance(parameters, str) else parameters
     factor = None if ball is None else ball_factor(ball)
     heights = None if ball_height is None else ball_heights(ball_height)
-    report = reporter or default()
     if columns is None:
+        needed = report.name_of("columns")
         if alone := "on" if on else "ball_height" if heights else "":
-            raise ScenarioError(f"{alone}: needs columns; a run states its rig")
+            raise ScenarioError(f"{alone}: needs {needed}; a run states its rig")
         if not isinstance(hold_out, float | int):
-            raise ScenarioError("hold_out: must be 0 to 0.8; a second log needs columns")
+            option, most = report.name_of("hold_out"), MAX_HOLD_OUT_SHARE
+            raise ScenarioError(f"{option}: must be 0 to {most:g}; a second log needs {needed}")
         wanted = choose_parameters(",".join(names) or None)
         return Identified(_identify_run(log, wanted, 1 - hold_out, factor, report))
     fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
@@ -197,7 +204,7 @@ def _identify_run(
     if not isinstance(log, str | Path | Result):
         log, *others = log
         if others:
-            raise ScenarioError("log: give one; several logs need columns")
+            raise ScenarioError(f"log: give one; several logs need {reporter.name_of('columns')}")
     recorded = _read_recorded(log)
     if factor is not None:
         recorded = recorded.with_ball(factor)

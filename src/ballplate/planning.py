@@ -56,7 +56,7 @@ class Planned:
         """Write the optimised motion: a scenario, or a table of the reference if it ends in .csv.
 
         Raises:
-            TwinError: If no motion was optimised, the ending is another one, or the file cannot be
+            TwinError: If no motion was optimised, the ending is wrong, or the file cannot be
                 written.
         """
         from twin.plan.motion import write_motion
@@ -114,14 +114,14 @@ def plan_experiment(
     from twin.plan.experiment import RigChoice, axes_settings, check_plan, forecast_motions
     from twin.plan.motion import describe_work, optimise_motion
 
-    check_hold_out(hold_out)
+    report = reporter or default()
+    check_hold_out(hold_out, report)
     names = [parameters] if isinstance(parameters, str) else parameters
     wanted = choose_parameters(",".join(names) or None)
     motions = [scenarios] if isinstance(scenarios, str | Path) else list(scenarios)
     rig = str(on or "")
     choice = RigChoice(on=rig, rigs=rigs, settings=axes_settings(axes, rig))
-    report = reporter or default()
-    check_plan(seconds, choice, wanted)
+    check_plan(seconds, choice, wanted, report.name_of)
     for name in motions:
         find(str(name))
     report.note(describe_work(len(motions), seconds, choice, optimise=optimise))

@@ -153,8 +153,9 @@ class Result(Run):
             return super().export(file)
         from twin.run.film import Cut, Film, moving
 
-        film = Film(self.shown, Cut(**cut))
-        with (reporter or default()).progress("moving picture", film.count, "frames") as advance:
+        report = reporter or default()
+        film = Film(self.shown, Cut(**cut, name_of=report.name_of))
+        with report.progress("moving picture", film.count, "frames") as advance:
             moving(Path(file), film, advance)
         return Path(file)
 

@@ -128,8 +128,9 @@ def open_rig(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; add {name}")
         yield None, scenario
         return
-    from twin.run.assemble import assumed_transmission, build_reference
     from twin.run.connect import connect
+    from twin.run.controller_building import build_reference
+    from twin.run.plants import assumed_transmission
 
     if on == EMULATED_RIG:
         from twin.emulator.injection import inject

@@ -20,9 +20,10 @@ from controllers.interfaces import Measurement, Reference
 from twin.base.errors import RecordError, ScenarioError, TwinError
 from twin.base.parts import extra
 from twin.base.shipped import find
-from twin.run.assemble import PLANTS, assemble
+from twin.run.assemble import assemble
 from twin.run.loop import RunMonitor, record_and_wait
 from twin.run.metrics import Ending, Outcome
+from twin.run.plants import PLANTS
 from twin.run.record import Recorder
 from twin.scenario.schema import Scenario
 

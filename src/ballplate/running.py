@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 CLEAN_LABEL = "clean model"
 """The same controller on the frictionless equations (5.9) it was designed on."""
 PYTHON_LABEL = "Python"
-"""The run of the controller in Python, shown with that of a program."""
+"""The run of the controller in Python, shown with a program's."""
 WORTH_PROCESS = 5.0
 """Simulated seconds from which a process of its own saves time."""
 
@@ -102,9 +102,9 @@ def run(
     warn_of_replaced((scenario, *others), changed, report)
     from ballplate.results import Result, save_without_picture
     from twin.base.jobs import SecondProcess, cores
-    from twin.run.assemble import PLANTS
     from twin.run.finished import draw
     from twin.run.opened import holds_finished
+    from twin.run.plants import PLANTS
 
     folder = writable(out, report)
     if folder is not None and on is not None:

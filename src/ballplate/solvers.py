@@ -18,7 +18,7 @@ from controllers.ballplate import MEASURED_STATES, STATE_NAMES, constants
 from twin.base.errors import ModelError, ScenarioError
 from twin.base.parts import extra
 from twin.fmu.export import parameters
-from twin.run.assemble import build_limits
+from twin.run.controller_building import build_limits
 from twin.sim.plant.exact import RollingModel, rolling
 from twin.sim.plant.interface import BallSpin, gravity_in_rig
 

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 import ballplate as bp
 from controllers.interfaces import Measurement
-from twin.run.assemble import build_controllers
+from twin.run.controller_building import build_controllers
 
 RATE = 0.5
 """A power of two, so that dividing a rate by it and multiplying again gives the rate."""

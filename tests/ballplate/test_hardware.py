@@ -28,7 +28,7 @@ from twin.devices.realtime import TimingLog, real_time
 from twin.hal.interface import Condition, Severity
 from twin.hal.rig import Entry
 from twin.identify.logs import read
-from twin.run import assemble
+from twin.run import plants
 from twin.run.connect import ComputingTime
 from twin.run.finished import run
 from twin.scenario.load import load
@@ -109,9 +109,9 @@ def test_a_computer_is_judged_by_what_is_left_of_a_period(median, worst, enough,
 )
 def test_what_a_rig_believes_of_its_cams_needs_no_mechanism(keys, monkeypatch):
     scenario, angle = load("circle", keys), np.array([[0.03, -0.02]])
-    wanted = assemble.build_plant([scenario])[1].motor(angle)
-    monkeypatch.setattr(assemble, "build_plant", None)
-    assert np.array_equal(assemble.assumed_transmission(scenario).motor(angle), wanted)
+    wanted = plants.build_plant([scenario])[1].motor(angle)
+    monkeypatch.setattr(plants, "build_plant", None)
+    assert np.array_equal(plants.assumed_transmission(scenario).motor(angle), wanted)
 
 
 def killed(program, place, read, whole):

@@ -13,8 +13,8 @@ from ballplate.changes import changes_of
 from ballplate.rehearsing import rehearse
 from ballplate.reporter import Reporter
 from twin.base.errors import RigError
-from twin.run.assemble import build_controller
 from twin.run.connect import ComputingTime
+from twin.run.controller_building import build_controller
 from twin.run.finished import Run, run
 from twin.run.loop import drive
 from twin.run.record import Recorder

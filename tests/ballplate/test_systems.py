@@ -11,7 +11,7 @@ from ballplate.systems import DESIRED, INPUTS
 from controllers.analysis import margins, sampled_loop, state_feedback_loop
 from controllers.ballplate import STATE_NAMES
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
 

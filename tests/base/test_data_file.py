@@ -76,8 +76,8 @@ def test_a_toml_file_beyond_a_limit_is_one_line_at_once(refused, tmp_path, comma
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("run", "circle", "--set", f"title={DEEP}"), "override 'title': nested deeper"),
-        (("run", "circle", "--set", f"seed={HUGE}"), "override 'seed': an integer beyond 64 bit"),
+        (("run", "circle", "--set", f"title={DEEP}"), "--set 'title': nested deeper"),
+        (("run", "circle", "--set", f"seed={HUGE}"), "--set 'seed': an integer beyond 64 bit"),
         (("run", "circle", "--set", f"{LONG}=1"), "at most 32 parts"),
         (("run", "circle", "--set", LONG), "write key=value"),
         (

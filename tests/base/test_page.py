@@ -6,7 +6,18 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from twin.base.page import Code, Picture, Table, Text, Verdict, digits, html, markdown, terminal
+from twin.base.page import (
+    Code,
+    Picture,
+    Table,
+    Text,
+    Verdict,
+    digits,
+    html,
+    markdown,
+    render_template,
+    terminal,
+)
 
 NAMES = [f"law_number_{number}" for number in range(12)]
 BROAD = Table(
@@ -76,3 +87,10 @@ def test_what_somebody_else_wrote_commands_no_terminal():
     assert not set("\x1b\x9b\u202e\r\udcff") & set(said)
     for shown in ("\\x1b[2Jaway", "two", "lines", "\\u202egnp", "\\x9b1m", "\\udcff", "a\\rb"):
         assert shown in said
+
+
+@pytest.mark.parametrize(("count", "text"), [(0, "0 logs were"), (1, "1 log was")])
+def test_a_template_counts_one_thing_in_the_singular(tmp_path, count, text):
+    template = tmp_path / "page.template.md"
+    template.write_text('{{ plural(count, "log was", "logs were") }} refused')
+    assert render_template(template, count=count) == f"{text} refused"

@@ -14,7 +14,7 @@ from twin.board import program as programs
 from twin.board.program import command_of, compile_controller, size_of
 from twin.board.protocol import ANSWERED, Answer, decode, encode
 from twin.board.trace import LAWS
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 
 MISSING = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if shutil.which(name) is None]
 pytestmark = [

@@ -11,7 +11,7 @@ import ballplate as bp
 from ballplate.changes import changes_of, scenario_of
 from twin.board import program as programs
 from twin.board.friction_map import LocalFriction, map_of
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 from twin.run.controller_source import export
 
 KEYS = {"plant.kind": "lagrange"}

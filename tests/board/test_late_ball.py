@@ -9,7 +9,7 @@ import pytest
 from board_source import FRAMES, LIMITS, compiled, remeasured, replayed, scenario
 
 from twin.board.state import ObserverState
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 from twin.run.controller_source import export
 
 FRICTION = {"observer__kind": "friction_kalman", "plant__friction__rolling_mm": 0.18}

@@ -6,7 +6,7 @@ from board_source import FRAMES, compiled, replayed
 from ballplate.changes import changes_of, scenario_of
 from twin.base.errors import ScenarioError
 from twin.board.plan import plan_of
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 from twin.run.controller_source import export
 
 KEYS = {"plant.kind": "lagrange", "observer.kind": "friction_kalman", "observer.smooth": 0.005}

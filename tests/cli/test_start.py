@@ -148,3 +148,28 @@ def test_a_misspelt_fault_is_reported_before_anything_heavy(tmp_path, words):
     code, found = modules(tmp_path, COMMAND, *words)
     assert code == 2
     assert not found & (UNUSED | LATE | {"can", "asammdf"})
+
+
+OWN_RIG = """
+backend = "own.py:Rig"
+
+[own]
+encoders = false
+"""
+WITHOUT_CAN = [
+    ("emulate", "--drive", "cia402", "--eds", "drive.eds"),
+    ("calibrate", "cams", "--on", "tube"),
+    ("calibrate", "touch", "--rig", "no.toml"),
+    ("doctor", "--rig", "own.toml"),
+]
+"""Commands that open no CAN bus."""
+
+
+@pytest.mark.parametrize("words", WITHOUT_CAN, ids=" ".join)
+def test_a_command_without_a_bus_imports_no_python_can(tmp_path, words):
+    (tmp_path / "own.toml").write_text(OWN_RIG, encoding="utf-8")
+    (tmp_path / "own.py").write_text(
+        "class Rig:\n    def __init__(self, **given):\n        raise OSError('not connected')\n"
+    )
+    _, found = modules(tmp_path, COMMAND, *words)
+    assert not found & {"can", "asammdf"}

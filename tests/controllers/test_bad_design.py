@@ -20,7 +20,7 @@ from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
 from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.scenario import load
 
 

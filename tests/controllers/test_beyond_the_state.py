@@ -19,7 +19,8 @@ from controllers.references import Circle, Hold
 from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
-from twin.run.assemble import assemble, build_controller
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder, write_run
 from twin.scenario import load

@@ -6,7 +6,7 @@ from observing import measured
 
 from controllers.per_rig import SampledReference
 from controllers.references import Circle
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.finished import run
 from twin.scenario import load
 

@@ -14,7 +14,7 @@ from twin.devices.lumio import conditions as lumio
 from twin.devices.own import FAILED, REPORTED, SCREEN_FAILED, SCREEN_REPORTED, SILENT
 from twin.hal.interface import Severity
 from twin.hal.supervisor import BALL_LOST
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder

@@ -14,7 +14,7 @@ from twin.base.errors import RigError
 from twin.board.process import BoardProcess
 from twin.board.program import compile_controller
 from twin.emulator.avr import missing_programs
-from twin.run.assemble import build_reference, control_of
+from twin.run.controller_building import build_reference, control_of
 from twin.scenario.load import load
 
 needs_simavr = pytest.mark.skipif(

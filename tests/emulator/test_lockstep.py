@@ -15,7 +15,7 @@ from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import FRAME_INTERVAL_S, Protocol
 from twin.emulator.serve import VirtualRig
 from twin.hal.supervisor import State
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.metrics import Ending

@@ -18,7 +18,7 @@ from twin.base.errors import RecordError, ScenarioError
 from twin.cli import ballplate as command
 from twin.fmu.export import frame_phase, variables
 from twin.hal.interface import Touch
-from twin.run.assemble import build_limits
+from twin.run.controller_building import build_limits
 from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder

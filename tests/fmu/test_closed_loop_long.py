@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from c_rig import CRig, behind_the_seam, counted, exact, followed, made
 
-from twin.run.assemble import assemble, build_controller
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_controller
 
 
 @pytest.mark.long

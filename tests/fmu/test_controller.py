@@ -21,7 +21,7 @@ from controllers.interfaces import Law
 from twin.base.errors import LawError, ScenarioError
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.traces import read_trace
-from twin.run.assemble import build_reference
+from twin.run.controller_building import build_reference
 from twin.run.loop import simulate
 
 IMPORTER = {2: fmpy.fmi2, 3: fmpy.fmi3}

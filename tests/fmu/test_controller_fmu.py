@@ -17,7 +17,8 @@ from fmu_pair import MEASURED, RATES, Unit, coupled
 import ballplate as bp
 from controllers.fmu import FMU_INPUT_NAMES, FmuLaw
 from twin.board.source import sources
-from twin.run.assemble import assemble, control_of
+from twin.run.assemble import assemble
+from twin.run.controller_building import control_of
 
 SILENT = {"sensors.touch.variance": [0.0, 0.0], "sensors.encoders.variance": [0.0, 0.0]}
 OFF_CENTRE = {"plant.start.x": 0.05, "plant.start.y": 0.03, "duration": 0.4}

@@ -19,7 +19,7 @@ from fmpy.validation import validate_fmu
 import ballplate as bp
 from controllers import fmu as fmu_law
 from twin.fmu.export import exponents, parameters
-from twin.run.assemble import build_reference
+from twin.run.controller_building import build_reference
 from twin.scenario.describe import find_keys
 
 HERE = Path(__file__).parent

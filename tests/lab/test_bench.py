@@ -22,16 +22,10 @@ from scipy import stats
 
 from twin.base.errors import LawError, RecordError, ScenarioError, TwinError
 from twin.cli import ballplate as command
-from twin.lab import bench
-from twin.lab.bench import (
-    FAMILY_NAME,
-    Benchmark,
-    Entry,
-    TimingRuns,
-    interquartile,
-    interval,
-    scores_side_by_side,
-)
+from twin.lab import bench, bench_entries, bench_scores
+from twin.lab.bench import FAMILY_NAME, Benchmark, TimingRuns, scores_side_by_side
+from twin.lab.bench_entries import Entry
+from twin.lab.bench_scores import interquartile, interval
 from twin.study.experiments import Store, executors
 from twin.study.schema import draw_rigs, read_family
 
@@ -309,7 +303,7 @@ def test_rows_of_a_dask_cluster_are_those_of_one_process_to_the_byte(
 def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, monkeypatch):
     entry, store = own(tmp_path), Store(tmp_path / "kept")
     first = ran(small, entry, tmp_path, store)
-    monkeypatch.setattr(bench, "_carry_out_entry", lambda *_: pytest.fail("run again"))
+    monkeypatch.setattr(bench, "carry_out_entry", lambda *_: pytest.fail("run again"))
     pd.testing.assert_frame_equal(ran(small, entry, tmp_path, Store(tmp_path / "kept")), first)
     changed = own(tmp_path, "e = 1.01 * e")
     with pytest.raises(pytest.fail.Exception, match="run again"):
@@ -327,7 +321,7 @@ def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, 
     ],
 )
 def test_an_entry_that_fails_is_refused_in_a_line(small, tmp_path, monkeypatch, line, words):
-    monkeypatch.setattr(bench, "MAX_CHUNK_CPU_S", 2.0)
+    monkeypatch.setattr(bench_entries, "MAX_CHUNK_CPU_S", 2.0)
     with pytest.raises(LawError, match=words) as caught:
         ran(small, own(tmp_path, line), tmp_path)
     assert "\n" not in str(caught.value)
@@ -358,9 +352,9 @@ def test_code_has_more_time_for_more_runs(tmp_path, monkeypatch, runs, seconds):
         assert (path, about.seconds) == (tmp_path / "own.py", seconds)
         return contextlib.nullcontext()
 
-    monkeypatch.setattr(bench, "answering", answering)
-    monkeypatch.setattr(bench, "carry_out", len)
-    assert bench._carry_out_entry(own(tmp_path), tmp_path, [None] * runs) == runs
+    monkeypatch.setattr(bench_entries, "answering", answering)
+    monkeypatch.setattr(bench_entries, "carry_out", len)
+    assert bench_entries.carry_out_entry(own(tmp_path), tmp_path, [None] * runs) == runs
 
 
 def test_what_is_no_entry_s_is_refused(small, tmp_path):
@@ -405,7 +399,7 @@ def test_an_error_may_be_another_by_what_rounding_makes_and_no_more():
         ([0.0409, np.nan, 0.0003], [1e-4, 1e-4, 0.0], [1]),
     ):
         changed = rows.assign(rms_distance=error)
-        seen = bench.compare_runs(changed, expected, "rms_distance", "own", apart)
+        seen = bench_scores.compare_runs(changed, expected, "rms_distance", "own", apart)
         assert [int(re.search(r"rig (\d)", line)[1]) for line in seen] == wrong
 
 

@@ -130,6 +130,9 @@ def test_the_page_of_a_class_counts_what_became_of_each_check(tmp_path: Path) ->
     assert "<b>" not in page
     assert "no &lt;key&gt;" in page
     assert "5 students, 1 not graded; points of the others 3 to 10, median 9" in page
+    alone = class_page(lab, found[:1], tmp_path)
+    assert "1 students" not in alone
+    assert "1 student, 0 not graded" in alone
     rows = re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
     row = next(row for row in cells if row and row[0] == "2 the ball is brought to the middle (4)")

@@ -13,11 +13,11 @@ MISTAKES = {
     "identify --plan no.csv": "no.csv: --plan takes no LOG",
     "identify no.csv --seconds 30": "--seconds: needs --plan",
     "identify no.csv --scenario sine": "--scenario: needs --plan",
-    "identify --plan --seconds 1": "seconds: must be 5 to 600, got 1",
-    "identify --plan --rigs 1000": "rigs: must be 0 to 200, got 1000",
+    "identify --plan --seconds 1": "--seconds: must be 5 to 600, got 1",
+    "identify --plan --rigs 1000": "--rigs: must be 0 to 200, got 1000",
     "identify --plan --scenario cirle": "scenario 'cirle': not found",
     "identify --plan --on no": "rig 'no': not found",
-    "identify --plan --parameters spring": "parameters: cannot be forecast: spring",
+    "identify --plan --parameters spring": "--parameters: cannot be forecast: spring",
     "identify --plan --ball hollow": "--ball: not allowed with --plan",
     "identify --plan --hold-out log.csv": "--hold-out: with --plan give one share",
     "identify no.csv --optimise": "--optimise: needs --plan",
@@ -25,7 +25,7 @@ MISTAKES = {
     "identify --plan --optimise --table motion.txt": "--table motion.txt: must end in .toml or",
     "identify no.csv --axes 1": "--axes: needs --plan",
     "identify --plan --axes 3": "Invalid value for '--axes': 3 is not in the range 1<=x<=2",
-    "identify --plan --hold-out 0.9": "hold_out: must be 0 to 0.8, got 0.9",
+    "identify --plan --hold-out 0.9": "--hold-out: must be 0 to 0.8, got 0.9",
 }
 
 

@@ -12,7 +12,7 @@ from ballplate.changes import changes_of, scenario_of
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.hal.supervisor import Event, Supervisor
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 
 COMPILER = shutil.which("gcc")
 WARNINGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")

@@ -15,7 +15,7 @@ from twin.emulator.lockstep import LockstepRig, LockstepScreen, LockstepScreenPo
 from twin.emulator.screen import Protocol
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.cams import FixedRatio
-from twin.run.assemble import build_limits
+from twin.run.controller_building import build_limits
 
 
 class PlantCamera(ScreenHardware):

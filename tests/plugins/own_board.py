@@ -11,7 +11,7 @@ from twin.devices.own_hardware import Hardware, Reading
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import FixedRatio
-from twin.run.assemble import build_limits
+from twin.run.controller_building import build_limits
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_rig"
 

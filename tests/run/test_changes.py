@@ -8,10 +8,11 @@ from every_setting import OTHER, QUIET
 
 from controllers.ballplate import BallPlate
 from twin.base.errors import ScenarioError
-from twin.run.assemble import PLANTS as KINDS
-from twin.run.assemble import assemble, build_plant
+from twin.run.assemble import assemble
 from twin.run.finished import run
 from twin.run.loop import drive
+from twin.run.plants import PLANTS as KINDS
+from twin.run.plants import build_plant
 from twin.run.record import Recorder
 from twin.scenario.changing import at_time
 from twin.scenario.load import load

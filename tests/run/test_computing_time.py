@@ -12,7 +12,7 @@ import pytest
 import ballplate
 from controllers import catalog
 from controllers.classical import LQR
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.loop import simulate
 from twin.run.tables import FIRST_LABELS, indicators
 from twin.scenario import load

@@ -11,7 +11,7 @@ import pytest
 import ballplate as bp
 from controllers.ballplate import BallPlate
 from twin.base.shipped import shipped_scenarios
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.finished import record_run, run
 from twin.run.loop import alike
 from twin.run.opened import open_run

@@ -12,7 +12,7 @@ from controllers.references import Circle, Hold, Lissajous, Sine, closed_form
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.followers import FOLLOWER_LABELS
 from twin.play.driven import Driven
-from twin.run.assemble import build_reference
+from twin.run.controller_building import build_reference
 from twin.scenario.load import check, clean, load, read, resolve
 from twin.view.html import html
 from twin.view.streams import signals

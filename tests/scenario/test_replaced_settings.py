@@ -8,7 +8,7 @@ import pytest
 
 from ballplate.changes import changes_of, warn_of_replaced
 from twin.base.errors import ScenarioError
-from twin.run.assemble import build_law
+from twin.run.controller_building import build_law
 from twin.scenario import load
 from twin.scenario.load import check, describe_replaced, laid_over
 from twin.scenario.schema import choices

@@ -10,7 +10,8 @@ import pytest
 
 from twin.base.errors import ScenarioError
 from twin.base.shipped import shipped_in
-from twin.run.assemble import assemble, build_controller, build_reference
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_controller, build_reference
 from twin.run.finished import run
 from twin.scenario import shipped_scenarios
 from twin.scenario.load import LAGGING, check, load, read, resolve

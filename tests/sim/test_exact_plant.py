@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
 from twin.hal.linkage import Linkage, TiltTable
-from twin.run.assemble import build_friction, build_plant, start_plant
 from twin.run.finished import run
+from twin.run.plants import build_friction, build_plant, start_plant
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant, RollingModel, rolling
 from twin.sim.plant.friction import Friction, SurfaceMap

@@ -11,9 +11,10 @@ from twin.base.errors import ModelError, ScenarioError
 from twin.base.followers import GIVEN, Followers
 from twin.base.settings import Unit, from_scenarios, setting
 from twin.hal.cams import FixedRatio
-from twin.run.assemble import PLANTS, PlantKind, assemble, register
+from twin.run.assemble import assemble
 from twin.run.finished import run
 from twin.run.loop import Episodes, simulate
+from twin.run.plants import PLANTS, PlantKind, register
 from twin.scenario import load
 from twin.scenario.load import validate
 from twin.scenario.rig_tables import PLANT_KINDS as NAMED

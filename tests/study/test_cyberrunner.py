@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from docs import cyberrunner as page
-from twin.run.assemble import build_friction
 from twin.run.metrics import Motion
+from twin.run.plants import build_friction
 from twin.scenario.load import load
 from twin.study.schema import read_family
 

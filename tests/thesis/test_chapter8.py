@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from controllers.ballplate import BallPlate
 from docs import chapter8 as page
 from twin.cli.understand import reproduce
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.metrics import Motion
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import (

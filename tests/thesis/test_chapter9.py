@@ -12,7 +12,7 @@ from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMo
 from controllers.references import Circle, Step
 from docs import chapter9 as page
 from twin.cli.understand import reproduce as command
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.scenario import load, shipped_scenarios
 from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 from twin.study.experiments import Store

@@ -174,7 +174,7 @@ def test_fewer_measurements_than_parameters_are_refused(folder):
         GIVEN + '[[experiments]]\nscenario = "circle"\n'
         "[experiments.measured]\nphi_max_deg = { value = 1.0, relative = 0.1 }\n"
     )
-    with pytest.raises(ScenarioError, match="1 measured indicators cannot determine 2 parameters"):
+    with pytest.raises(ScenarioError, match="1 measured indicator cannot determine 2 parameters"):
         read(str(path))
     with pytest.raises(ScenarioError, match="not found"):
         read(str(folder / "none.toml"))

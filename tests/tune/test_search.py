@@ -9,7 +9,7 @@ from controllers.analysis import margins, sampled_loop, unstable
 from controllers.classical import AFL, LQR, SlidingMode
 from controllers.observers import Kalman, Luenberger
 from controllers.smith import Smith
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.scenario import load
 from twin.tune.search import best_of, score, search_all, tail_mean
 from twin.tune.trials import Indicators, NominalLoop, Tune, _loop, loop_margins

@@ -91,7 +91,7 @@ def test_cut_effort_is_counted_and_told():
     requested[:2500] = 9.0
     cut = made(reference, requested_phi_acc=requested)
     assert Diagnosis.of(cut).cut == pytest.approx(0.25)
-    assert any("cut the effort 25.0%" in line for line in summary(cut, Diagnosis.of(cut)))
+    assert any("cut the effort 25.0 %" in line for line in summary(cut, Diagnosis.of(cut)))
     rolling = made(reference, true_x_rate=np.full(10000, 0.1))
     sentences = summary(rolling, Diagnosis.of(rolling))
     assert any("No limit was in the way" in line for line in sentences)
@@ -103,7 +103,7 @@ def test_what_held_the_ball_is_said_in_place_of_no_limit():
     speed[:500] = 0.0
     sticks = made(reference, true_x_rate=speed)
     told = verdict(sticks, replace(Diagnosis.of(sticks), lag=None, gain=None, rest=None))
-    assert told.endswith(": friction held the ball at rest 5.0% of the time.")
+    assert told.endswith(": friction held the ball at rest 5.0 % of the time.")
     sentences = summary(sticks, Diagnosis.of(sticks))
     assert any(each.startswith("No limit of the plate was reached") for each in sentences)
     radius = sticks.scenario.plant.ball.radius
@@ -112,8 +112,8 @@ def test_what_held_the_ball_is_said_in_place_of_no_limit():
         lambda t: on_x(np.where(t < 5, 0.07 - radius, 0.0)), walls, true_x_rate=np.full(10000, 0.1)
     )
     assert Diagnosis.of(walled).walled == pytest.approx(0.25)
-    assert "the ball was at a wall 25.0% of the time" in verdict(walled, Diagnosis.of(walled))
-    assert any("at a wall 25.0%" in each for each in summary(walled, Diagnosis.of(walled)))
+    assert "the ball was at a wall 25.0 % of the time" in verdict(walled, Diagnosis.of(walled))
+    assert any("at a wall 25.0 %" in each for each in summary(walled, Diagnosis.of(walled)))
 
 
 HOLD = TABLES | {"reference": {"kind": "hold", "x": 0.03}}
@@ -144,7 +144,7 @@ def test_a_ball_stuck_by_friction_is_called_stuck():
 def test_how_long_friction_held_the_ball_is_told():
     moving = np.where(np.arange(10000) < 3000, 0.0, 0.02)
     held = made(rest, true_x_rate=moving)
-    assert any("at rest 30.0% of the whole" in line for line in summary(held, Diagnosis.of(held)))
+    assert any("at rest 30.0 % of the whole" in line for line in summary(held, Diagnosis.of(held)))
     smooth = {**TABLES, "plant": {"kind": "lagrange", "friction": {"rolling_mm": 0.0}}}
     freed = {**TABLES, "change": [{"at": 5.0, "set": {"plant.friction.rolling_mm": 0.0}}]}
     for tables in (smooth, freed):  # without friction a ball may rest, too

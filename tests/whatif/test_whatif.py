@@ -17,7 +17,7 @@ from controllers.interfaces import Law, Measurement
 from twin.base.errors import TwinError
 from twin.cli import ballplate
 from twin.run import finished
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.files import export
 from twin.run.logs import NEEDED_COLUMNS
 from twin.run.metrics import INTERRUPTED_REASON

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from twin.emulator.can_bus import Towards
 from twin.emulator.drive_objects import Frame
 from twin.emulator.lockstep import LockstepRig
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import load

@@ -48,7 +48,7 @@ from ballplate.rigs import as_shape
 from controllers.arrays import Array, Mask, put
 from twin.base.errors import ScenarioError, TwinError
 from twin.hal.interface import SCREEN_SIZE_M
-from twin.run.assemble import build_reference
+from twin.run.controller_building import build_reference
 from twin.run.loop import Episodes
 from twin.scenario.schema import Dimensions, Scenario
 from twin.study.schema import draw_rigs, read_family

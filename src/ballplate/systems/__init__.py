@@ -163,7 +163,7 @@ def mechanism(
     Args and errors are those of ``linear``, but a scenario must be named, and a ball that is oval
     or out of balance is refused: its attitude would have to be states, too.
     """
-    from twin.run.assemble import parts_of
+    from twin.run.plants import parts_of
     from twin.sim.calibration import MECHANISM_STATES as MOVING
     from twin.sim.calibration import linear_mechanism
 
@@ -262,7 +262,7 @@ def exact(
     """
     import control
 
-    from twin.run.assemble import build_plant
+    from twin.run.plants import build_plant
     from twin.sim.plant.exact import ExactPlant
 
     chosen = scenario_of(scenario, [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})])
@@ -328,7 +328,7 @@ def law(
         TwinError: If there is no such scenario, anything in it is unknown or out of range, or its
             law has no linearisation, as a sliding mode has none.
     """
-    from twin.run.assemble import build_law
+    from twin.run.controller_building import build_law
 
     chosen = build_law(scenario_of(scenario, changes_of(settings, changes)))
     try:
@@ -350,7 +350,7 @@ def controller(
     Args and errors are those of ``law``; an observer that cannot be linearised or is given the true
     state is refused as well.
     """
-    from twin.run.assemble import build_controller
+    from twin.run.controller_building import build_controller
 
     built = build_controller(scenario_of(scenario, changes_of(settings, changes)))
     if isinstance(built.observer, Ideal):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from markupsafe import Markup
 
-from twin.base.errors import printable
+from twin.base.errors import plural, printable
 
 if TYPE_CHECKING:
     import rich.table
@@ -210,7 +210,10 @@ def markdown(
 
 
 def render_template(template: Path, **parts: Any) -> str:
-    """The document of a template in Jinja's language; every part that it names must be given."""
+    """The document of a template in Jinja's language; every part that it names must be given.
+
+    A template may call ``plural`` of ``twin.base.errors``.
+    """
     return _compile_template(template.read_text(encoding="utf-8")).render(parts)
 
 
@@ -220,6 +223,7 @@ def _compile_template(text: str) -> Template:
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: a table needs none
 
     how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
+    how.globals["plural"] = plural
     return how.from_string(text)
 
 
@@ -232,6 +236,11 @@ def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
     from twin.base.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
 
     write_whole(path, html(title, blocks))
+
+
+def percent(share: float, decimals: int = 1) -> str:
+    """A share in percent, as ``17.8 %``."""
+    return f"{100 * share:.{decimals}f} %"
 
 
 def digits(value: Any, unit: str = "", places: int = 4) -> str:

@@ -1,8 +1,8 @@
 """Packages that an installation may be without: extras, and what ``ballplate-core`` leaves out.
 
 The distribution ``ballplate-core`` has the same code as ``ballplate`` and requires fewer packages.
-Where a module of ours imports a package that is missing, the error is one line that says what it is
-for and how to install it.
+Where a module of ours imports a package that is missing, the error is one line that states its
+purpose and how to install it.
 """
 
 from __future__ import annotations

@@ -110,7 +110,7 @@ MIN_FILE_LIKENESS = 0.7
 """Likeness of two names without suffix, as difflib has it, from which one may stand for the other:
 names of runs share words, as excite and identify-excite (0.57) or excite and circle (0.5)."""
 MIN_BEGINNING = 3
-"""Number of letters from which a name may be the beginning of another."""
+"""Number of letters from which a name may be the beginning of a longer one."""
 
 
 def nearest_neighbour(path: Path) -> str:

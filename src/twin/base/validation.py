@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from twin.base.data_file import DataError, read_toml
-from twin.base.errors import ScenarioError, nearest, plural, shorten
+from twin.base.errors import ScenarioError, nearest, plural, shorten, suggest
 
 Model = TypeVar("Model", bound=BaseModel)
 UNION_MEMBER = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")
@@ -81,31 +81,46 @@ def read_tables(path: Path, called: str = "", *, regular: bool = False) -> dict[
         raise ScenarioError(f"{called or path.name}: {error}") from error
 
 
+@dataclass(frozen=True)
+class BeyondModel:
+    """What messages about tables may name that their model does not know.
+
+    Attributes:
+        keys: Dotted keys of all tables; of an unknown key those of its name, or in a table of its
+            name, are suggested.
+        values: Allowed values of keys that the model takes as any text, by dotted key.
+        owners: Of keys that belong to other choices, what has them, by name.
+    """
+
+    keys: Sequence[str] = ()
+    values: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    owners: Mapping[str, str] = field(default_factory=dict)
+
+
+NOTHING_BEYOND = BeyondModel()
+
+
 def first_finding(
-    model: type[BaseModel], error: ValidationError, elsewhere: Sequence[str] = ()
+    model: type[BaseModel], error: ValidationError, beyond: BeyondModel = NOTHING_BEYOND
 ) -> str:
     """The first finding of a validation: which key, what is wrong, what is allowed.
 
     Args:
         model: What the tables were to be.
         error: What was found.
-        elsewhere: Dotted keys of all tables; of an unknown key those of its name, or in
-            a table of its name, are suggested.
+        beyond: What the message may name that the model does not know.
     """
     # An unknown key, as a misspelt one, explains a missing one, so it comes first.
     first = min(error.errors(), key=lambda item: item["type"] not in UNKNOWN_KEY_ERRORS)
     place = ".".join(str(part) for part in first["loc"])
     if first["type"] in UNKNOWN_KEY_ERRORS:
-        *path, name = (str(part) for part in first["loc"])
-        alike = [f"'{key}'" for key in elsewhere if key.endswith(f".{name}")]
-        alike = alike or [f"'{key}'" for key in elsewhere if f".{name}." in key]
-        meant = f"; did you mean {' or '.join(alike[:4])}?" if alike else ""
-        return f"{place}: unknown key{meant or nearest(name, _fields(model, path))}"
+        return f"{place}: unknown key{_describe_known(model, first['loc'], beyond)}"
     if first["type"] == "missing":
         if isinstance(first["loc"][-1], int):  # a place in a list
             place = place.rpartition(".")[0]
             return f"{place}: must have more values than {len(first['input'])}"
-        return f"{place}: missing; {_values_of(model, first['loc'])}"
+        values = beyond.values.get(place) or _values_of(model, first["loc"])
+        return f"{place}: missing; {_list_values(values)}"
     if first["type"] in {"too_short", "too_long"}:
         bound, has = (first["ctx"].get(key) for key in ("min_length", "actual_length"))
         least, bound = ("at least", bound) if bound else ("at most", first["ctx"]["max_length"])
@@ -197,14 +212,31 @@ def _table_at(table: type, path: Sequence[str]) -> type:
     return hint if is_table(hint) else table
 
 
-def _values_of(model: type[BaseModel], place: Sequence[Any]) -> str:
-    """The values that a missing key may have, or that it has no default."""
+def _describe_known(model: type[BaseModel], at: Sequence[Any], beyond: BeyondModel) -> str:
+    """The end of a message on an unknown key: the nearest ones, or those that are known."""
+    *path, name = map(str, at)
+    alike = [f"'{key}'" for key in beyond.keys if key.endswith(f".{name}")]
+    alike = alike or [f"'{key}'" for key in beyond.keys if f".{name}." in key]
+    if alike:
+        return f"; did you mean {' or '.join(alike[:4])}?"
+    known = _fields(model, path)
+    owner = "" if suggest(name, known) else beyond.owners.get(".".join((*path, name)), "")
+    return f"{nearest(name, known)}{owner and f'; a key of {owner}'}"
+
+
+def _values_of(model: type[BaseModel], place: Sequence[Any]) -> Sequence[str]:
+    """The few values that a key may have; none where they are not listed in its type."""
     *path, name = map(str, place)
     hint = hints_of(_table_at(model, path)).get(name)
-    if get_origin(hint) is not Literal:
+    return get_args(hint) if get_origin(hint) is Literal else ()
+
+
+def _list_values(values: Sequence[str]) -> str:
+    """The values that a missing key may have, or that it has no default."""
+    if not values:
         return "it has no default"
-    values = [f"'{each}'" for each in get_args(hint)]
-    return f"give {' or '.join((', '.join(values[:-1]), values[-1]))}"
+    *others, last = [f"'{each}'" for each in values]
+    return f"give {' or '.join((', '.join(others), last) if others else (last,))}"
 
 
 def is_table(hint: object) -> TypeGuard[type]:

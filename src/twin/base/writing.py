@@ -63,7 +63,7 @@ def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
     that holds it. Systems without such locks have no check.
 
     Raises:
-        ScenarioError: If another process does, or the file cannot be made.
+        ScenarioError: If a second process does, or the file cannot be made.
     """
     try:
         import fcntl  # noqa: PLC0415  not on Windows

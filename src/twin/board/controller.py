@@ -15,7 +15,7 @@ from controllers.interfaces import ControlLaw, Measurement, Observer, Reference
 from twin.base.errors import ScenarioError
 from twin.board.control import Control
 from twin.board.process import BoardProcess
-from twin.board.program import TARGETS, compile_controller
+from twin.board.program import TARGETS, check_program, compile_controller
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +41,7 @@ class Board:
 
     def __post_init__(self) -> None:
         """Check that there is such a program."""
-        if self.program not in TARGETS and not Path(self.program).is_file():
-            raise ScenarioError(
-                f"board.program: must be {', '.join(TARGETS)} or the file of a program, there is "
-                f"no '{self.program}'"
-            )
+        check_program(self.program, "board.program")
 
     def begin(self, period: float) -> BoardProcess:
         """The process of its program, for a control period in s.

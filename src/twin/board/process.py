@@ -35,7 +35,7 @@ from twin.board.protocol import (
 START_TIMEOUT_S = 10.0
 """Seconds in which the program must say its first frame."""
 ENDS_WITHIN_S = 1.0
-"""Seconds in which a process that says nothing more has ended."""
+"""Seconds after which a silent process has ended."""
 
 
 class BoardProcess:
@@ -85,7 +85,7 @@ class BoardProcess:
         self._number = self._number % NUMBERS + 1
         if self._number == 1:
             keep_up(self._process, self._reader)
-        with suppress(OSError):  # it has ended: what it said last is still to be read
+        with suppress(OSError):  # it has ended: its last message is still to be read
             self._process.stdin.write(encode(self._number, measured))
             self._process.stdin.flush()
         try:
@@ -112,8 +112,8 @@ class BoardProcess:
                 more = self._said.get(timeout=max(0.0, until - time.monotonic()))
             except Empty:
                 self._process.kill()
-                said = f" but {plural(len(heard), 'byte')} of it" if heard else ""
-                raise self._failed(f"gave no answer within {seconds:g} s{said}") from None
+                part = f" but {plural(len(heard), 'byte')} of it" if heard else ""
+                raise self._failed(f"gave no answer within {seconds:g} s{part}") from None
             if not more:
                 raise self._failed(self._last_words())
             heard += more
@@ -126,7 +126,7 @@ class BoardProcess:
                 return np.asarray(content)
 
     def _last_words(self) -> str:
-        """How the process ended, and the first line of what it complained about."""
+        """How the process ended, and the first line of its complaint."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(ENDS_WITHIN_S)
         self._complaints.seek(0)
@@ -140,12 +140,12 @@ class BoardProcess:
         return AnswerError(f"{self._called}: {why}")
 
 
-def _read(pipe: Any, said: SimpleQueue[bytes]) -> None:
-    """Read what a process says until it ends, which is an empty text."""
+def _read(pipe: Any, received: SimpleQueue[bytes]) -> None:
+    """Read the output of a process until it ends, which is an empty text."""
     with pipe:
         while more := os.read(pipe.fileno(), 1 << 16):
-            said.put(more)
-    said.put(b"")
+            received.put(more)
+    received.put(b"")
 
 
 def _end(process: subprocess.Popen[bytes], complaints: IO[bytes]) -> None:

@@ -62,6 +62,23 @@ TARGETS = {
 """Targets by the names that ``board.program`` gives them."""
 
 
+def check_program(program: str, called: str) -> None:
+    """Make sure that there is a target or file of a name.
+
+    Args:
+        program: The name.
+        called: What a message calls it: a key or an option.
+
+    Raises:
+        ScenarioError: If there is neither.
+    """
+    if program not in TARGETS and not Path(program).is_file():
+        raise ScenarioError(
+            f"{called}: must be {', '.join(TARGETS)} or the file of a program, there is "
+            f"no '{program}'"
+        )
+
+
 class Size(NamedTuple):
     """Memory of a program.
 
@@ -137,10 +154,10 @@ def build_command(folder: str, name: str) -> str:
 
 def size_of(program: Path, target: str) -> Size:
     """The memory that a program, compiled for one of ``TARGETS``, needs."""
-    said = subprocess.run(
+    listed = subprocess.run(
         [TARGETS[target].size, str(program)], capture_output=True, text=True, check=True
     )
-    text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
+    text, data, bss = map(int, listed.stdout.splitlines()[1].split()[:3])
     return Size(text + data, data + bss)
 
 
@@ -176,12 +193,12 @@ def _write(texts: Mapping[str, str], folder: Path) -> None:
         (folder / Path(name).name).write_text(text, encoding="utf-8")
 
 
-def _why(said: str) -> str:
-    """The line of a compiler's message that says why, without the paths before it."""
-    if over := re.search(r"region `(\w+)' overflowed by (\d+) bytes", said):
+def _why(text: str) -> str:
+    """The line of a compiler's message with the reason, without the paths before it."""
+    if over := re.search(r"region `(\w+)' overflowed by (\d+) bytes", text):
         return (
             f"needs {plural(int(over[2]), 'byte')} more than the {over[1]} of the emulated board "
             "has; a reference "
             "without a closed form is a table, which a shorter duration makes smaller"
         )
-    return programs.find_error_line(said).rpartition("error: ")[2].strip()
+    return programs.find_error_line(text).rpartition("error: ")[2].strip()

@@ -38,7 +38,7 @@ SHOWN_BYTES = 40
 
 
 class FrameError(ValueError):
-    """What a program said is no answer: why, in one line without its name."""
+    """The output of a program is no answer: why, in one line without its name."""
 
 
 class Answer(NamedTuple):
@@ -87,7 +87,7 @@ def decode(heard: bytes, number: int, count: int) -> Array | None:
     """The content of the one frame in what was heard, shape (count,); None if it is not whole yet.
 
     Args:
-        heard: All that was said since the last frame.
+        heard: All output since the last frame.
         number: The number that it must have.
         count: How many numbers it must have.
 

@@ -4,7 +4,7 @@
     (``trace``); numpy passes every function of an array of symbols to CasADi (``symbols``).
     Formulas of components calculate with the arithmetic of symbols, a third one. What a period
     changes in an observer is its state (``state``).
-2.  The graph becomes C by ``c_code``, not by CasADi's generator; its docstring says why.
+2.  The graph becomes C by ``c_code``, not by CasADi's generator; its docstring states why.
 3.  Gains and constants of the model are symbols, too, hence named tables in C with the meaning of
     their field. The designs (poles to gains, Riccati equations) run in Python.
 4.  The template around the functions holds the order of one period, as ``Controller.command``,
@@ -57,7 +57,7 @@ BOARD = "cortex-m4"
 """The folder with what makes the controller a program of an emulated board."""
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-2}
-"""Largest difference of a commanded rate from that of the Python code, by the type of numbers."""
+"""Largest difference of a commanded rate from the Python code's, by the type of numbers."""
 MAX_DIFFERENCE_OF_CHANGES_RAD_S = 2e-3
 """Largest difference of the change of a rate in a period, in ``float``, behind an observer that
 takes a constant rate beyond the commanded one for one of the plate: in a replay, in which the plate

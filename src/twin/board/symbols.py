@@ -146,7 +146,7 @@ class SymbolArray(np.ndarray[Any, np.dtype[Any]]):
     """An array with symbols and numbers as its elements.
 
     Attributes:
-        arithmetic: That of its elements, as ``controllers.arrays.arithmetic_of`` finds it.
+        arithmetic: Arithmetic of its elements, as ``controllers.arrays.arithmetic_of`` finds it.
     """
 
     arithmetic: ClassVar[Arithmetic]

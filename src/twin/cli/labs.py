@@ -20,7 +20,8 @@ from twin.cli.options import JSON_OPTION, PATH_TYPE, PROCESSES_OPTION, Command, 
 from twin.cli.output import TERMINAL, progress, say, show, show_titles, warn
 
 if TYPE_CHECKING:
-    from twin.lab.bench import Benchmark, BenchScore
+    from twin.lab.bench import Benchmark
+    from twin.lab.bench_scores import BenchScore
     from twin.lab.schema import Lab
     from twin.lab.selftest import Finding
 

@@ -188,6 +188,7 @@ def _settings(
     context: click.Context, __: click.Parameter, values: tuple[str, ...]
 ) -> tuple[str, ...]:
     """The settings and what options set; a key given twice means nobody knows which."""
+    check_settings(values, "--set")
     keys = [text.partition("=")[0].strip() for text in values]
     if twice := [key for key in keys if keys.count(key) > 1]:
         raise ScenarioError(f"--set {twice[0]}: given {keys.count(twice[0])} times; give it once")
@@ -197,10 +198,35 @@ def _settings(
     return values
 
 
+def check_settings(texts: Iterable[str], option: str) -> None:
+    """Make sure that each text is of the form ``key=value``.
+
+    Args:
+        texts: The texts.
+        option: The option that they were given by.
+
+    Raises:
+        ScenarioError: If one is not.
+    """
+    for text in texts:
+        from twin.scenario.load import setting
+
+        setting(text, option)
+
+
 def check_scenario_name(_: click.Context, __: click.Parameter, name: str) -> str:
     """The name of a scenario; a wrong one is reported before anything heavy is imported."""
     find(name)
     return name
+
+
+def _note_board(context: click.Context, option: click.Parameter, program: str | None) -> None:
+    """Keep the program of ``--board``; a wrong one is reported by the option's name."""
+    if program is not None:
+        from twin.board.program import check_program
+
+        check_program(program, "--board")
+    _note(context, option, program)
 
 
 PATH_TYPE = click.Path(path_type=Path)
@@ -273,7 +299,7 @@ BOARD_OPTION = click.option(
     metavar="PROCESSOR",
     expose_value=False,
     is_eager=True,
-    callback=_note,
+    callback=_note_board,
     help="Run the controller as C code on an emulated processor, cortex-m4, or on this computer, "
     "host; or as the program FILE.elf.",
 )

@@ -134,7 +134,13 @@ def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
 
 
-OPTION_NAMES = {"on": "--rig", "variants": "--with", "faults": "--fault"}
+OPTION_NAMES = {
+    "on": "--rig",
+    "variants": "--with",
+    "faults": "--fault",
+    "since": "--from",
+    "until": "--to",
+}
 """Arguments of the package that differ in name from their option."""
 
 
@@ -152,7 +158,8 @@ class Terminal(Reporter):
         """
         if not errors.is_terminal:
             say_line = partial(click.echo, err=True)
-            say_line(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...")
+            begin = f": {format_progress(0, total, unit, '')}" if unit else ""
+            say_line(f"{what}{begin} ...")
             yield now_and_then(what, total, unit, say_line)
             return
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -178,7 +185,7 @@ class Terminal(Reporter):
 
     def name_of(self, argument: str) -> str:
         """The option that an argument is."""
-        return OPTION_NAMES.get(argument, f"--{argument}")
+        return OPTION_NAMES.get(argument, f"--{argument.replace('_', '-')}")
 
 
 TERMINAL = Terminal()

@@ -110,7 +110,7 @@ def _check_files(files: Sequence[Path], *, optimise: bool) -> None:
     """Make sure that the motion can be written to files.
 
     Raises:
-        ScenarioError: If there is no motion, a file has another ending, or cannot be written.
+        ScenarioError: If there is no motion, a file has a wrong ending, or cannot be written.
     """
     if files and not optimise:
         raise ScenarioError("--table: needs --optimise; it writes the optimised motion")

@@ -202,18 +202,13 @@ def emulate(
 ) -> int:
     """Serve emulated drives on a CAN bus and, with a plate, its touch screen on a pty.
 
-    The drives are two AKD on a USB-CAN adapter, also on a pty, unless an option says otherwise.
+    The drives are two AKD on a USB-CAN adapter, also on a pty, unless an option changes it.
 
     It simulates what they turn in real time. Typed lines, or lines sent to the socket of
     --control, act on it: sto and release for the STO button, lift and put for the ball, touch X
     Y (mm) for a finger, unplug and plug for the screen, lag for how far it is behind the clock;
     faults of drives and frames: an unknown word lists them. Ctrl-C ends it.
     """
-    from contextlib import ExitStack
-
-    from twin.emulator.control import control_socket
-    from twin.emulator.serve import VirtualRig, come_forward
-
     if eds is not None:
         if kind == "akd":
             raise RigError("--eds: needs --drive cia402; the EDS of an AKD comes from its maker")
@@ -222,6 +217,11 @@ def emulate(
         write_whole(eds, eds_text())
         say(f"written to {eds}")
         return 0
+    from contextlib import ExitStack
+
+    from twin.emulator.control import control_socket
+    from twin.emulator.serve import VirtualRig, come_forward
+
     kind = kind or "akd"
     own_host = kind == "akd" and not bus.startswith("udp_multicast")
     if file is not None and not own_host:

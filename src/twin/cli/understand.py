@@ -163,16 +163,16 @@ def identify(
         return 1
     for name in ("on", "ball_height"):
         if how["columns"] is None and how[name] is not None:
-            raise ScenarioError(
-                f"--{name.replace('_', '-')}: needs --columns; a run states its rig"
-            )
+            option = f"--{name.replace('_', '-')}"
+            raise ScenarioError(f"{option}: needs --columns; a run states its rig")
     hold_out = _held_out(held)
     from ballplate.identifying import identify as identify_log
-    from twin.identify.report import TABLE_HEADINGS, rows
-    from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
 
     folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
+    from twin.identify.report import TABLE_HEADINGS, rows
+    from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
+
     done.save(folder)
     found = done.found
     why = (f"{each.label}: {each.why}" for each in found.verdicts if each.why)
@@ -216,12 +216,21 @@ UNKNOWN_COLUMNS_TEXT = "This log has no columns of the names that this program k
 
 
 def _held_out(held: tuple[str, ...]) -> float | list[Path]:
-    """The share that is held out, or the logs that are."""
+    """The share that is held out, or the logs that are.
+
+    Raises:
+        LogError: If it is neither a number nor a log.
+    """
     try:
         (share,) = map(float, held or (round(1 - FITTED_SHARE, 2),))
     except ValueError:
+        pass
+    else:
+        return share
+    try:
         return [log_file(Path(each)) for each in held]
-    return share
+    except LogError as error:
+        raise LogError(f"--hold-out: {error}; a share is a number, as 0.3") from None
 
 
 @options.command(example="fit friction_of_two_series")
@@ -293,8 +302,8 @@ def shadow(
     --columns a log of any rig, its ball by --on or --ball, or learned from the reference. --ball
     states the ball of a CSV file with named columns, too; a run states its own.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). With --reference it is identified from another
-    log of the rig, and several logs are judged, each in a folder of its own. Writes shadow.html and
+    identified ones: it learns then as with --learn). With --reference it is identified from its
+    log, and several logs are judged, each in a folder of its own. Writes shadow.html and
     shadow.json. Exit code 1 after an alarm, or if a log differs from the reference from its start.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
@@ -406,6 +415,9 @@ def whatif(
     estimated state. Without --set and --branch nothing is changed.
     """
     run = log_file(run)  # a wrong name is reported before anything heavy is imported
+    options.check_settings(settings, "--set")
+    for branch in branches:
+        options.check_settings(filter(str.strip, branch.split(";")), "--branch")
     if log["columns"] is not None:
         _check_columns([run], log)
     from twin.base.jobs import SecondProcess, cores
@@ -460,7 +472,7 @@ def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
     from controllers.analysis import instability, loop_row
-    from twin.run.assemble import build_controller
+    from twin.run.controller_building import build_controller
 
     controller = build_controller(scenario)
     late = dict(zip(("dead_time", "lag"), scenario.lateness, strict=True))

@@ -1,4 +1,4 @@
-"""Drivers of hardware of one's own: servos and a screen whose methods may fail at any time.
+"""Drivers of hardware of one's own: servos and a screen with methods that may fail at any time.
 
 A protection that the hardware lacks, such as a watchdog on the board, is reported in every run.
 """

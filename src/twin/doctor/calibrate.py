@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import degrees, radians
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import RigError
 from twin.base.jobs import wait_until
-from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.conditions import TWO_CONTACTS
 from twin.devices.lumio.config import (
     Calibration,
@@ -29,6 +28,9 @@ from twin.doctor.drives import FOLLOWING_GAIN_PER_S, exchange, hold_level, stopp
 from twin.hal.cams import CamTable
 from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M
 from twin.identify.plate_motion import LostMotion, as_plate, lost_motion, triangle
+
+if TYPE_CHECKING:
+    from twin.devices.akd.servos import AkdServos
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import degrees, radians
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from controllers.arrays import Array
 from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.protocol import DriveState, StatusBit, fault_words
-from twin.devices.akd.servos import AkdServos
 from twin.doctor.check import (
     CheckResult,
     CheckStatus,
@@ -22,6 +22,9 @@ from twin.doctor.check import (
     warn_check,
 )
 from twin.hal.interface import Severity, Transmission
+
+if TYPE_CHECKING:
+    from twin.devices.akd.servos import AkdServos
 
 FOLLOWING_GAIN_PER_S = 20.0
 """Commanded rate of a shaft per error of its angle, 1/s, in every motion of the doctor."""

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from twin.base.errors import RigError, TwinError, plural
 from twin.base.jobs import wait_until
 from twin.devices.akd.config import list_unconfirmed
 from twin.devices.akd.protocol import table
-from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import Calibration, Mounting
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.own import OwnServos
@@ -46,6 +46,9 @@ from twin.hal.supervisor import BALL_LOST_AFTER_S
 from twin.run.connect import ComputingTime, cams_of, connect, transmission_of
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from twin.devices.akd.servos import AkdServos
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,6 +213,8 @@ def _devices(
         check = any_servos(scenario, rig, move=move, reset=reset, ball=ball)
         yield from report_errors(check, "drives", ANY_KIND_ADVICE)
         return
+    from twin.devices.akd.servos import AkdServos  # noqa: PLC0415  loads python-can
+
     servos = AkdServos(rig.servos(scenario.rig.period))
     try:
         with real_time():

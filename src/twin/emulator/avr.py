@@ -27,7 +27,8 @@ from twin.base.errors import RigError, plural
 from twin.base.programs import find_error_line, find_program
 from twin.emulator.can_bus import check_pseudo_terminals
 from twin.hal.interface import Touch
-from twin.run.assemble import build_devices, build_plant
+from twin.run.assemble import build_devices
+from twin.run.plants import build_plant
 from twin.scenario.schema import Scenario
 
 CLOCK_HZ = 16_000_000
@@ -128,13 +129,13 @@ def size_of(firmware: Path) -> Size:
     Raises:
         RigError: If avr-size is missing, or cannot read the file.
     """
-    said = subprocess.run(
+    done = subprocess.run(
         [_find("avr-size"), str(firmware)], capture_output=True, text=True, check=False
     )
-    if said.returncode:
-        why = (said.stderr.splitlines() or ["no message"])[0]
+    if done.returncode:
+        why = (done.stderr.splitlines() or ["no message"])[0]
         raise RigError(f"emulated board: {why}")
-    text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
+    text, data, bss = map(int, done.stdout.splitlines()[1].split()[:3])
     functions = [
         int(line.split("\t")[1])
         for file in firmware.parent.glob("*.su")

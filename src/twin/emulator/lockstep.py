@@ -29,7 +29,7 @@ from twin.emulator.screen import Protocol, ScreenLine
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.interface import PoweredScreen, Touch
 from twin.hal.supervisor import State
-from twin.run.assemble import build_limits
+from twin.run.controller_building import build_limits
 from twin.scenario.schema import Scenario
 
 _PLATE_ANGLE_INDICES, _PLATE_RATE_INDICES, _BALL_INDICES = [2, 6], [3, 7], [0, 4]

@@ -51,7 +51,7 @@ ACCESS_NAMES = {
 FAULT_NUMBERS = (129, 247, 502, 602)
 """Faults that the node can have: a silent master, no voltage, lost voltage, open STO."""
 UNKNOWN_FAULT = 0
-"""Number that no fault has: its emergency code is that of all faults without one of their own."""
+"""Number that no fault has: all faults without an emergency code of their own use its code."""
 MANIFEST_FOLDER = "extra/org.fmi-standard.fmi-ls-bus"
 """Where an importer sees that an FMU is a node or a bus."""
 

@@ -28,7 +28,7 @@ from twin.fmu.export import (
     reference_files,
     write_fmu,
 )
-from twin.run.assemble import control_of
+from twin.run.controller_building import control_of
 from twin.run.controller_source import reference_run
 from twin.scenario.schema import Scenario
 

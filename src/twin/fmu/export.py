@@ -34,7 +34,9 @@ from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
 from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
-from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_reference, own_errors
+from twin.run.plants import build_friction, linkage_of
 from twin.scenario.describe import UNIT_PATTERN, meanings
 from twin.scenario.rig_tables import RIG_CLASSES, left_out
 from twin.scenario.schema import Scenario, changed_in_vain
@@ -332,7 +334,7 @@ FMI_SOURCES = {
     2: ("instance.c", "instance.h", "fmi.h", "fmi2.c"),
     3: ("instance.c", "instance.h", "fmi.h", "fmi3.c", "fmi3.h", "fmi3_absent.c"),
 }
-"""The C source around a model whose time goes in periods, by the version of the standard."""
+"""The C source around a model with time in periods, by the version of the standard."""
 RIG_PARTS = "Exact equations, drives, touch screen, encoders and limits; without the mechanism."
 """What of a rig is in the FMU, for its description."""
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")

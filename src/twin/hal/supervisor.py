@@ -428,7 +428,7 @@ class Supervisor:
         return np.where(dead, 0.0, self._clamp(requested, self.rate, self.angle))
 
     def _of_axes(self, form: str) -> str:
-        """Where a text has a number of each axis, or that of the only one."""
+        """Where a text has a number of each axis, or the number of the only one."""
         each = f"{{:{form}}}"
         return f"({each}, {each})" if self.axes == 2 else each
 

@@ -12,14 +12,13 @@ import json
 import math
 import re
 import time
-from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
-from zipfile import BadZipFile, ZipFile
+from typing import Annotated, Any, Literal, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
@@ -27,68 +26,37 @@ import scipy
 from pyarrow.parquet import ParquetFile
 from pydantic import Field
 
-from controllers import catalog
 from controllers.arrays import Array
-from controllers.interfaces import Feedback, Law, Reference
 from twin.base.data_file import DataError, check_regular, read_regular
 from twin.base.errors import LawError, RecordError, ScenarioError, nearest, plural
 from twin.base.shipped import folder as scenarios_folder
 from twin.base.shipped import model_path
 from twin.base.validation import Checked, read_model
 from twin.base.writing import why, write_json, write_whole
-from twin.lab.process import ANSWER_NAME, AnswerProcess, answering
-from twin.lab.schema import AnswerTable, toml
+from twin.lab.bench_entries import Entry, carry_out_entry, enter
+from twin.lab.bench_replay import commands_of, register_commands, replay_of
+from twin.lab.bench_scores import (
+    EFFORT_METRIC,
+    SCORING,
+    BenchScore,
+    Scoring,
+    compare_runs,
+    interquartile,
+    interval,
+)
+from twin.lab.schema import toml
 from twin.run.loop import simulate
-from twin.scenario.schema import ControllerChoice, MetricsTable, Scenario
+from twin.scenario.schema import MetricsTable, Scenario
 from twin.study.experiments import CHUNK_RUNS, Store, carry
 from twin.study.schema import Point, Variant, draw_rigs, read_family
-from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
+from twin.study.work import Builder, ScenarioRuns, carry_out, digest
 
-EFFORT_METRIC = "u_rms"
-"""The indicator of a run that is its effort, rad/s^2."""
-MAX_COMMANDS_BYTES = 1 << 30
-"""Sum of the commands of an entry, unpacked."""
-ENTRY_TABLES = ("controller", "observer", "predictor")
-"""The tables of a scenario that an entry may set."""
-MAX_CHUNK_CPU_S = 300.0
-"""Processor time in s of an entry's code for ``CHUNK_RUNS`` runs, or fewer."""
 FAMILY_NAME = "uncertain"
 """The family from which all rigs are drawn."""
 SEASON_KEY_PATTERN = re.compile("[!-~]{16,}")
 """Pattern of a season's key: its fingerprint is public, so nobody may be able to guess it."""
 LOCKED_FILES = ("bench.toml", "faults.toml", "rigs.csv", "reference.csv")
 MODEL_FILES = ("ballplate.xml", "cams.json")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scoring:
-    """How the errors of an entry become scores.
-
-    Attributes:
-        trimmed_share: Share of the lowest and of the highest errors that the mean leaves out.
-        worst_share: Share of the highest errors; their mean is the score ``worst``.
-        interval_quantiles: Quantiles at the ends of an interval.
-        bootstrap_draws: Samples of the bootstrap.
-        stratum_key: The rigs with equal values of this key are resampled among themselves.
-        platform_tolerance: Relative difference of an error that a different platform may make:
-            friction magnifies last bits.
-    """
-
-    trimmed_share: float = 0.25
-    worst_share: float = 0.1
-    interval_quantiles: tuple[float, float] = (0.025, 0.975)
-    bootstrap_draws: int = 2000
-    stratum_key: str = "sensors.touch.frame_rate"
-    platform_tolerance: float = 0.02
-
-    @property
-    def confidence(self) -> float:
-        """Confidence of an interval."""
-        low, high = self.interval_quantiles
-        return high - low
-
-
-SCORING = Scoring()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,34 +73,6 @@ class TimingRuns:
 
 
 TIMING_RUNS = TimingRuns()
-
-
-class Entry(Checked):
-    """A law, as ``entry.toml`` describes it.
-
-    Attributes:
-        title: Its name for people.
-        authors: Its authors.
-        citation: Its publication.
-        knows: Knowledge of the rigs beyond the nominal one.
-        tuning: Time in s on rigs for which it was tuned.
-        computing: Computing time of one command, s; 0 for not given.
-        kind: Kind of the one class in its file, or of its program.
-        file: Its code; empty if settings of shipped laws are enough.
-        command: A program in a language other than Python and its arguments, ``file`` among them.
-        set: Overrides ``key=value`` of ``ENTRY_TABLES``.
-    """
-
-    title: str
-    authors: tuple[str, ...] = ()
-    citation: str = ""
-    knows: str = ""
-    tuning: Annotated[float, Field(ge=0)] = 0.0
-    computing: Annotated[float, Field(ge=0)] = 0.0
-    kind: Literal["law", "observer"] = "law"
-    file: str = ""
-    command: tuple[str, ...] = ()
-    set: tuple[str, ...] = ()
 
 
 class Bench(Checked):
@@ -170,32 +110,6 @@ class BenchRun(NamedTuple):
 
 LABEL_COLUMNS = ("task", "rig", "noise")
 """Columns by which runs of entries are matched."""
-
-
-class BenchScore(NamedTuple):
-    """The scores of an entry in a task; errors are relative to the reference law's.
-
-    Attributes:
-        task: Name of the task.
-        error: Interquartile mean of the relative error over all rigs and noises.
-        low: Lower end of its 95 % interval, by bootstrap over the rigs.
-        high: Upper end.
-        worst: Mean of the worst tenth.
-        kept: Number of rigs on which no ball was lost.
-        kept_low: Lower end of Wilson's 95 % interval of the share of such rigs.
-        kept_high: Upper end.
-        effort: Median of the RMS control effort, rad/s^2.
-    """
-
-    task: str
-    error: float
-    low: float
-    high: float
-    worst: float
-    kept: int
-    kept_low: float
-    kept_high: float
-    effort: float
 
 
 class Benchmark:
@@ -290,7 +204,7 @@ class Benchmark:
         text = read_regular(place / entry.file).hex() if entry.file else ""
         mark = digest(" ".join((text, *entry.command))) if text else ""
         work = ScenarioRuns((each.scenario for each in listed), mark=mark)
-        do = partial(_carry_out_entry, entry, place) if text else None
+        do = partial(carry_out_entry, entry, place) if text else None
         rows = carry(work, store, do=do, **how).to_pandas()
         for reason in rows.loc[rows["outcome"] == "refused", "reason"]:
             raise LawError(f"{entry.title}: {reason}")
@@ -438,7 +352,7 @@ class Benchmark:
         with register_commands(commands) as name:
             listed = self.runs((f"controller.kind={name}",), rigs=self.about.replayed)
             work = ScenarioRuns(
-                each.scenario.model_copy(update={"controller": _replay_of(name, number)})
+                each.scenario.model_copy(update={"controller": replay_of(name, number)})
                 for number, each in enumerate(listed)
             )
             again = pd.DataFrame(carry_out(work.jobs(work.tasks)))
@@ -527,147 +441,6 @@ class Lock(Checked):
     rounding: dict[str, dict[str, tuple[float, ...]]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordedCommands(Law):
-    """The recorded commands of a run; ``register_commands`` makes a class for those of an entry."""
-
-    number: int = 0
-    """Index of the run."""
-
-    @abstractmethod
-    def recorded(self) -> Array:
-        """Plate accelerations of the run in rad/s^2, shape (ticks, 2)."""
-
-    def start(self, x: Array, reference: Reference, period: float) -> float:
-        """The control period."""
-        return period
-
-    def command(self, now: Feedback) -> Array:
-        """The recorded command at this time, shape (..., 2)."""
-        u = self.recorded()  # as long as the longest run of its batch
-        return np.broadcast_to(u[min(round(now.time / now.plan), len(u) - 1)], now.rate.shape)
-
-
-@contextmanager
-def register_commands(commands: Sequence[Array]) -> Iterator[str]:
-    """A law in the catalog that gives recorded commands; its name there.
-
-    Args:
-        commands: Plate accelerations in rad/s^2 of each run, shape (ticks, 2).
-    """
-
-    class OfEntry(RecordedCommands):
-        name: ClassVar[str] = "replayed"
-
-        def recorded(self) -> Array:
-            return commands[self.number]
-
-    catalog.register(OfEntry)
-    try:
-        yield OfEntry.name
-    finally:
-        catalog.unregister(OfEntry.name)
-
-
-def _replay_of(name: str, number: int) -> ControllerChoice:
-    """The controller that replays the run of an index."""
-    return ControllerChoice.model_validate({"kind": name, "number": number})
-
-
-@contextmanager
-def enter(
-    entry: Entry, place: Path, runs: int = 0
-) -> Iterator[tuple[tuple[str, ...], AnswerProcess | None]]:
-    """The overrides that put an entry into a scenario, and the process of its code.
-
-    Args:
-        entry: The entry.
-        place: Folder of its file.
-        runs: Number of runs; more than ``CHUNK_RUNS`` have more time.
-
-    Raises:
-        LawError: If its code cannot be loaded.
-        ScenarioError: If it sets keys that are not an entry's.
-    """
-    for text in entry.set:
-        if re.split(r"[.=]", text)[0] not in ENTRY_TABLES:
-            raise ScenarioError(f"set: '{text}': an entry may set {', '.join(ENTRY_TABLES)} only")
-    if not entry.file and not entry.command:
-        yield entry.set, None
-        return
-    if Path(entry.file).name != entry.file or not (place / entry.file).is_file():
-        raise ScenarioError(f"file: '{entry.file}': must be a file next to the entry.toml")
-    table = "controller" if entry.kind == "law" else "observer"
-    if any(re.match(rf"{table}(\.kind)?=", text) for text in entry.set):
-        raise ScenarioError(f"set: {table}: is the entry's own file; leave one of them out")
-    described = entry.model_dump(include={"kind", "file", "command"})
-    seconds = MAX_CHUNK_CPU_S * max(1, runs / CHUNK_RUNS)
-    about = AnswerTable.model_validate({**described, "seconds": seconds})
-    with answering(place / entry.file, about) as process:
-        yield (*entry.set, f"{table}.kind={ANSWER_NAME}"), process
-
-
-def _carry_out_entry(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row]:
-    """Carry out runs of an entry that has code; one that fails is refused at once."""
-    with enter(entry, place, len(jobs)) as (_, process):
-        rows = carry_out(jobs)
-        if process is not None and process.failure is not None:
-            raise LawError(process.failure)
-    return rows
-
-
-def interquartile(errors: Array, scoring: Scoring = SCORING, axis: int | None = None) -> Any:
-    """The mean without the lowest and the highest quarter."""
-    return scipy.stats.trim_mean(errors, scoring.trimmed_share, axis=axis)
-
-
-def interval(
-    errors: Array, strata: Sequence[Any], scoring: Scoring = SCORING
-) -> tuple[float, float]:
-    """The 95 % interval of the interquartile mean: rigs resampled within their strata.
-
-    Args:
-        errors: Relative errors, shape (rigs, noises).
-        strata: The stratum of each rig.
-        scoring: Number of samples, and the confidence.
-    """
-    rng, rigs = np.random.default_rng(0), np.array([repr(each) for each in strata])
-    places = [np.flatnonzero(rigs == each) for each in np.unique(rigs)]
-    count = scoring.bootstrap_draws
-    drawn = [each[rng.integers(len(each), size=(count, len(each)))] for each in places]
-    means = interquartile(errors[np.hstack(drawn)].reshape(count, -1), scoring, axis=1)
-    low, high = np.quantile(means, scoring.interval_quantiles)
-    return float(low), float(high)
-
-
-def compare_runs(
-    rows: pd.DataFrame,
-    expected: Array,
-    metric: str,
-    what: str,
-    free: Array | float = 0.0,
-    unit: str = "m",
-    tolerance: float = SCORING.platform_tolerance,
-) -> Iterator[str]:
-    """Describe the runs with an error unlike the expected one, beyond platform differences.
-
-    Args:
-        rows: The runs.
-        expected: The error of each, in the unit.
-        metric: The column that has it.
-        what: Name of the law for the message.
-        free: Difference of an error that is allowed besides the tolerance, in the unit.
-        unit: Unit of the column.
-        tolerance: Relative difference that is allowed.
-    """
-    free = np.broadcast_to(free, len(rows))
-    for row, wanted, by in zip(rows.itertuples(), np.asarray(expected, float), free, strict=True):
-        value = getattr(row, metric)
-        if not np.isclose(value, wanted, rtol=tolerance, atol=by, equal_nan=True):
-            where = f"{what}: {row.task}, rig {row.rig}, noise {row.noise}"
-            yield f"{where}: {value:.9g} {unit}, expected {wanted:.9g} {unit}"
-
-
 SEASON_RIGS = 64
 """Number of rigs of a season."""
 
@@ -701,24 +474,6 @@ def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
         return found["scores"], str(found.get("season", ""))
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise RecordError(f"{folder}: contains no finished entry: {why(error)}") from error
-
-
-def commands_of(folder: Path) -> list[Array]:
-    """The commands in a finished entry's folder, run by run, each of shape (ticks, 2), rad/s^2.
-
-    Raises:
-        TwinError: If the file may not be opened, or is too large.
-        OSError: If it cannot be read.
-        ValueError: If it has something else than numbers.
-        BadZipFile: If it is not a file of numpy.
-    """
-    file = folder / "commands.npz"
-    check_regular(file.lstat())
-    with ZipFile(file) as packed:
-        if sum(each.file_size for each in packed.infolist()) > MAX_COMMANDS_BYTES:
-            raise ValueError(f"commands.npz unpacks to more than {MAX_COMMANDS_BYTES >> 20} MB")
-    with np.load(file) as commands:
-        return [np.asarray(commands[f"arr_{i}"], float) for i in range(len(commands.files))]
 
 
 def scores_side_by_side(folders: Sequence[Path]) -> tuple[dict[str, list[dict[str, Any]]], str]:

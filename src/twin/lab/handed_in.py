@@ -240,7 +240,7 @@ def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
 
 
 def _full_name(text: str) -> str:
-    """A person's name as that of a file: O'Neil is O_Neil."""
+    """A person's name as a file name: O'Neil is O_Neil."""
     return re.sub(r"[^\w.@+-]+", "_", unicodedata.normalize("NFC", text).strip())
 
 

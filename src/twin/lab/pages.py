@@ -1,4 +1,4 @@
-"""Pages of results: a student's, with the picture of a check, and that of the class."""
+"""Pages of results: a student's, with the picture of a check, and the class's."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def class_page(
     numbers = map(str, range(1, len(checks) + 1))
     columns = (say("student"), say("points_heading"), *numbers)
     blocks.append(Table(say("marks_heading"), columns, marks))
-    title = say("class_title", title=lab.shown_title, count=len(found))
+    title = say("class_title", title=lab.shown_title, students=say.count("students", len(found)))
     return html(title, blocks, lab.language)
 
 

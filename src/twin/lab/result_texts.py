@@ -86,4 +86,6 @@ def summary(found: Sequence[Result], language: str = "en") -> str:
     ends = {"low": scores.min(), "high": scores.max(), "median": scores.median()}
     problems = sum("problem" in each for each in found)
     shown = {name: digits(value) for name, value in ends.items()}
-    return words(language)("summary", count=len(found), problems=problems, **shown)
+    say = words(language)
+    students = say.count("students", len(found))
+    return say("summary", students=students, problems=problems, **shown)

@@ -15,6 +15,7 @@ import numpy as np
 
 from twin.base.errors import ScenarioError, plural
 from twin.base.jobs import results
+from twin.base.page import percent
 from twin.lab.judge import judge_answer
 from twin.lab.schema import (
     LOG_FILE,
@@ -163,7 +164,8 @@ def selftest(lab: Lab, processes: int, test: SelfTest = SELF_TEST) -> Iterator[F
             yield Finding("the solution has all points", not lost, points + why)
         elif who.name == "starter":
             good = result["score"] <= test.max_starter_share * result["max_score"]
-            yield Finding(f"the starter has at most {test.max_starter_share:.0%}", good, points)
+            most = percent(test.max_starter_share, 0)
+            yield Finding(f"the starter has at most {most}", good, points)
         for each in result["results"]:
             if each["name"] in who.fails:
                 allowed = test.max_mutant_share * each["max_score"]

@@ -30,6 +30,11 @@ class Words:
         }
         return str(self.table[name]).format(**texts)
 
+    def count(self, name: str, count: int) -> str:
+        """A number of things in the singular or plural."""
+        one, several = self.table[name]
+        return str(one if count == 1 else several).format(count=count)
+
     def metric(self, name: str) -> str:
         """The words for an indicator of a run."""
         return str(self.table["metrics"].get(name) or INDICATORS[name]["words"])

@@ -92,7 +92,7 @@ class RigChoice:
 
     @property
     def family(self) -> str:
-        """Name of the family that says what is not known of the rig."""
+        """Name of the family of what is not known of the rig."""
         return OWN_FAMILY if self.on else FAMILY
 
     def scenarios(self, name: str | Path, seconds: float) -> tuple[Scenario, list[Scenario]]:
@@ -232,19 +232,31 @@ def round_plainly(value: float) -> str:
     return f"{float(f'{value:.2g}'):.15g}"
 
 
-def check_plan(seconds: float, choice: RigChoice, names: tuple[str, ...]) -> tuple[str, ...]:
+def check_plan(
+    seconds: float,
+    choice: RigChoice,
+    names: tuple[str, ...],
+    name_of: Callable[[str], str] = str,
+) -> tuple[str, ...]:
     """Make sure that numbers are in range; the names of parameters that a motion may show.
+
+    Args:
+        seconds: Duration of the run.
+        choice: The rigs.
+        names: The parameters.
+        name_of: Gives the name of an argument in messages.
 
     Raises:
         ScenarioError: If a number is out of range, or no motion shows any parameter.
     """
     asked = tuple(each for each in names if each not in HIDDEN_PARAMETERS)
     if not asked:
-        raise ScenarioError(f"parameters: cannot be forecast: {', '.join(names)}")
+        raise ScenarioError(f"{name_of('parameters')}: cannot be forecast: {', '.join(names)}")
     if not MIN_SECONDS <= seconds <= MAX_SECONDS:
-        raise ScenarioError(f"seconds: must be {MIN_SECONDS:g} to {MAX_SECONDS:g}, got {seconds:g}")
+        allowed = f"{MIN_SECONDS:g} to {MAX_SECONDS:g}"
+        raise ScenarioError(f"{name_of('seconds')}: must be {allowed}, got {seconds:g}")
     if not 0 <= choice.rigs <= MAX_RIGS:
-        raise ScenarioError(f"rigs: must be 0 to {MAX_RIGS}, got {choice.rigs}")
+        raise ScenarioError(f"{name_of('rigs')}: must be 0 to {MAX_RIGS}, got {choice.rigs}")
     return asked
 
 

@@ -50,7 +50,7 @@ class ForecastConstants:
     """Constants of a forecast.
 
     Attributes:
-        noise_draws: Number of draws of the noise over whose intervals the median is taken.
+        noise_draws: Number of draws of the noise; the median is taken over their intervals.
         initial_force_m_s2: Unknown force on an uneven screen with which the search for its size
             begins.
         size_iterations: Number of estimates of the sizes of unknown motion.

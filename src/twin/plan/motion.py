@@ -1,4 +1,4 @@
-"""A motion optimised for what it tells: goals between which the ball rolls, stops and starts.
+"""A motion optimised for its information: goals between which the ball rolls, stops and starts.
 
 A motion is a list of goals, an interval and a filter. Some are drawn at random; those that tell
 most of a few rigs are changed a little, and the best is kept. It becomes a scenario, with lengths
@@ -35,7 +35,7 @@ from twin.plan.experiment import (
     forecast_runs,
     round_plainly,
 )
-from twin.run.assemble import build_reference
+from twin.run.controller_building import build_reference
 from twin.scenario.load import read
 from twin.scenario.rig_tables import RigLimitsTable
 from twin.scenario.schema import Scenario

@@ -16,10 +16,12 @@ from controllers.per_rig import SampledReference
 from controllers.references import ALONG_X, AlongX, Setpoints
 from twin.base.errors import ScenarioError
 from twin.hal.rig import Entry
-from twin.run.assemble import RigChanges, assemble, build_controller, build_reference
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_controller, build_reference
 from twin.run.finished import Run, save
 from twin.run.metrics import Outcome
 from twin.run.record import Recorder
+from twin.run.rig_changes import RigChanges
 from twin.run.state import Snapshot
 from twin.scenario.changing import at_time
 from twin.scenario.load import check, clean, put

@@ -14,7 +14,7 @@ from controllers.interfaces import Measurement
 from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError
 from twin.play.driven import MAX_DRIVEN_S, Driven, DrivenRig, Part, States, Write, save_driven
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder

@@ -25,7 +25,8 @@ from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import AXIS_NAMES, PoweredScreen, PoweredServos, Transmission
-from twin.run.assemble import assemble, build_limits, own_errors
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_limits, own_errors
 from twin.run.logs import COLUMN_UNITS, read_csv
 from twin.scenario.passed import has_passed
 from twin.scenario.rig import RigFile

@@ -12,7 +12,8 @@ from controllers.arrays import Array
 from twin.base.errors import RecordError
 from twin.base.writing import write_whole
 from twin.board.source import sources
-from twin.run.assemble import assemble, control_of, own_errors
+from twin.run.assemble import assemble
+from twin.run.controller_building import control_of, own_errors
 from twin.scenario.schema import Scenario
 
 NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,40}")

@@ -70,6 +70,7 @@ class Cut:
         seconds: How long the picture lasts, s; None for the duration of the shown time.
         size: Its width in pixels.
         render: ``plate``: from above; ``mujoco``: of the first run the mechanism in 3D instead.
+        name_of: Gives the name of one of these in messages.
 
     Raises:
         RecordError: If one of them is out of range.
@@ -81,15 +82,19 @@ class Cut:
     seconds: float | None = None
     size: int = DESIGN_WIDTH
     render: str = "plate"
+    name_of: Callable[[str], str] = str
 
     def __post_init__(self) -> None:
         """Refuse what no picture can be."""
         if self.render not in RENDERERS:
-            raise RecordError(f"render {self.render}: must be {' or '.join(RENDERERS)}")
+            allowed = " or ".join(RENDERERS)
+            raise RecordError(f"{self.name_of('render')} {self.render}: must be {allowed}")
         for name, (least, most) in OPTION_RANGES.items():
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
-                raise RecordError(f"{name} {value:g}: must be from {least:g} to {most:g}")
+                raise RecordError(
+                    f"{self.name_of(name)} {value:g}: must be from {least:g} to {most:g}"
+                )
 
     def times(self, begin: float, end: float) -> Array:
         """The instants of the frames of runs between two times, all in s.
@@ -100,9 +105,8 @@ class Cut:
         since = begin if self.since is None else self.since
         until = end if self.until is None else self.until
         if not begin <= since <= until <= end + 1 / self.fps:
-            raise RecordError(
-                f"from {since:g} to {until:g} s: must be within {begin:g} to {end:g} s of the run"
-            )
+            part = f"{self.name_of('since')} {since:g}, {self.name_of('until')} {until:g} s"
+            raise RecordError(f"{part}: must be within {begin:g} to {end:g} s of the run")
         lasts = until - since if self.seconds is None else self.seconds
         number = max(1, round(lasts * self.fps))
         if number > MOST_FRAMES:
@@ -169,7 +173,7 @@ class Stage:
         import mujoco  # noqa: PLC0415  heavy, as are the others: a picture from above needs none
 
         from twin.hal.cams import CamTable  # noqa: PLC0415
-        from twin.run.assemble import drawn_mechanism, parts_of  # noqa: PLC0415
+        from twin.run.plants import drawn_mechanism, parts_of  # noqa: PLC0415
         from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
 
         self._gl = mujoco

@@ -27,7 +27,7 @@ from twin.base.parts import left_out, own_version
 from twin.base.writing import remove, write_json, write_whole
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
-from twin.run import assemble, files
+from twin.run import assemble, controller_building, files
 from twin.run.loop import drive, refuse_faults
 from twin.run.metrics import INTERRUPTED_REASON, Motion, Outcome, against_python, find_rest, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, of_axes, write_run
@@ -126,7 +126,7 @@ class Run(files.Signals):
             account: Timing statistics of a rig in real time.
             more: Further attributes.
         """
-        desired = (reference or assemble.build_reference(scenario))(record.time)[0]
+        desired = (reference or controller_building.build_reference(scenario))(record.time)[0]
         if origin(choices("reference")[scenario.reference.kind]) is not None:
             record.data["reference"] = desired[:, None]  # who draws the record may lack the class
         goals = more.get("driven", {}).get("goals")  # which no plan knew of from the start on
@@ -203,7 +203,7 @@ class Run(files.Signals):
         if CHANNELS["reference"].columns[0] in self.rows:
             path = np.stack([self.rows[name] for name in CHANNELS["reference"].columns], axis=1)
             return RecordedReference(self.rows["time"], path)
-        return assemble.build_reference(self.scenario)
+        return controller_building.build_reference(self.scenario)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -264,7 +264,7 @@ class Run(files.Signals):
     @property
     def limits(self) -> Limits:
         """Limits of what might be commanded of the rig."""
-        return assemble.build_limits(self.scenario)
+        return controller_building.build_limits(self.scenario)
 
     @cached_property
     def motion(self) -> Motion:
@@ -304,7 +304,7 @@ def states_of(rows: Mapping[str, Array]) -> Array:
     return columns(rows, "true" if "true_x" in rows else "estimated")
 
 
-@assemble.own_errors()
+@controller_building.own_errors()
 def run(
     scenario: Scenario,
     progress: Callable[[float], None] = lambda _: None,
@@ -326,7 +326,7 @@ def run(
         refuse_faults([scenario])
         rig, controller = assemble.assemble(scenario, unseen=True)
     else:
-        controller = assemble.build_controller(scenario.in_real_time)
+        controller = controller_building.build_controller(scenario.in_real_time)
     period = scenario.rig.period
     ticks, knows = round(scenario.duration / period), controller.observer.knows
     record = Recorder(ticks, 1, period, rig.channels, knows)
@@ -351,7 +351,7 @@ def _planned_path(
     law = choices("controller")[scenario.controller.kind]
     if not (issubclass(law, AboutMotion) and record.length):
         return None
-    built: Any = assemble.build_law(scenario)
+    built: Any = controller_building.build_law(scenario)
     x, period, begin = np.zeros(8), scenario.rig.period, float(record.time[0])
     x[0::2] = record["measured"][0, 0]
     if begin > 0:  # of a run that continues an earlier one
@@ -359,7 +359,7 @@ def _planned_path(
     if isinstance(built, HeldLaw):
         period, built = built.ticks * period, built.law
     ticks = (record.time / period + 1e-6).astype(int) - round(begin / period)
-    desired, count = reference or assemble.build_reference(scenario), int(ticks[-1]) + 1
+    desired, count = reference or controller_building.build_reference(scenario), int(ticks[-1]) + 1
     path: Array = built.planned_path(x, desired, period, count, begin)[np.maximum(ticks, 0)]
     return None if np.isnan(path).all() else path
 

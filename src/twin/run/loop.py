@@ -26,7 +26,7 @@ from twin.base.errors import ScenarioError, TwinError
 from twin.base.settings import value_of
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
-from twin.run import assemble
+from twin.run import assemble, controller_building, plants, rig_changes
 from twin.run.metrics import (
     INTERRUPTED_REASON,
     RAN_AWAY,
@@ -221,7 +221,7 @@ def drive(
             end, reason = Ending.ABORTED, INTERRUPTED_REASON
         except (Exception, SystemExit) as error:
             # what a rig did is not made again: its record is kept
-            reason = assemble.line_of(error) if rig.in_real_time else ""
+            reason = controller_building.line_of(error) if rig.in_real_time else ""
             if not reason:
                 error.add_note(f"at {measurement.time:.3f} s")
                 raise
@@ -244,7 +244,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     In addition to the shared keys of a batch, these are the keys that make a plant or an observer
     calculate in a different way.
     """
-    friction = assemble.build_friction([scenario])
+    friction = plants.build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map
     return assemble.batch_keys(scenario) | {
         "observer": scenario.observer.model_dump(),
@@ -263,7 +263,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-@assemble.own_errors()
+@controller_building.own_errors()
 def simulate(
     scenarios: Sequence[Scenario], *, seen: bool = False, requested: list[Array] | None = None
 ) -> list[dict[str, Any]]:
@@ -346,12 +346,12 @@ def _pad_batch(scenarios: Sequence[Scenario]) -> list[int]:
     """Order of the scenarios by law; of foreign laws the last twice where its number is odd."""
     groups: dict[tuple[str, BallPlate], list[int]] = {}
     for index, scenario in enumerate(scenarios):
-        groups.setdefault(assemble.law_of(scenario), []).append(index)
+        groups.setdefault(controller_building.law_of(scenario), []).append(index)
     found: list[int] = []
     for its in groups.values():
         odd = len(its) % ROUNDING_PAIR if is_foreign(scenarios[its[0]]) else 0
         found += its + its[-1:] * odd
-    lacking = max(0, assemble.PLANTS[scenarios[0].plant.kind].least - len(found))
+    lacking = max(0, plants.PLANTS[scenarios[0].plant.kind].least - len(found))
     return found + [found[-1]] * lacking
 
 
@@ -445,8 +445,8 @@ class Episodes:
     def _begin(self, rigs: NDArray[np.integer], before: Sequence[Scenario]) -> None:
         """Let rigs begin with their present scenarios."""
         if len(rigs) == len(self._all):
-            plant, transmission = assemble.build_plant(self.scenarios, threads=self._threads)
-            self._known = assemble.without_error(transmission)
+            plant, transmission = plants.build_plant(self.scenarios, threads=self._threads)
+            self._known = rig_changes.without_error(transmission)
             self._rig = assemble.build_rig(self.scenarios, plant, transmission)
             self.measurement = _own(_start_rigs(self._rig))
             self.applied = np.zeros((len(rigs), 2))
@@ -460,12 +460,12 @@ class Episodes:
         plant = rig.devices.plant
         old = [before[each] for each in rigs]
         plates = [[each.dimensions for each in those] for those in (old, new)]
-        if plates[0] != plates[1] or assemble.differ(old, new, *assemble.OF_PLANTS):
-            assemble.PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
-        assemble.change_devices(rig.devices, before, self.scenarios, plant=False)
-        assemble.change_transmission(rig, self._known, before, self.scenarios)
+        if plates[0] != plates[1] or rig_changes.differ(old, new, *rig_changes.OF_PLANTS):
+            plants.PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
+        rig_changes.change_devices(rig.devices, before, self.scenarios, plant=False)
+        rig_changes.change_transmission(rig, self._known, before, self.scenarios)
         begun = assemble.build_rig(
-            new, SomeRigs(plant, rigs), assemble.with_calibration_error(self._known, new)
+            new, SomeRigs(plant, rigs), plants.with_calibration_error(self._known, new)
         )
         seen = _start_rigs(begun)
         rig.devices.adopt(rigs, begun.devices)

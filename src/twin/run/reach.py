@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.controller import HeldLaw
 from controllers.stable_inversion import AboutMotion
-from twin.run import assemble
+from twin.run import controller_building
 from twin.scenario.schema import Scenario, choices
 
 MIN_MENTIONED_SPEED_M_S = 0.01
@@ -21,7 +21,7 @@ MIN_WARNED_DISTANCE_M = 0.02
 def beyond_area(scenario: Scenario) -> str | None:
     """One line if a length of the reference is beyond the operating area; else None.
 
-    A reference that reaches it within the run is refused (``assemble.build_reference``); one that
+    A reference that reaches it within the run is refused by ``build_reference``; one that
     only ends earlier is not.
     """
     choice, axes = scenario.reference, scenario.plant.axes
@@ -52,7 +52,10 @@ def out_of_reach(scenario: Scenario) -> str | None:
     Raises:
         ScenarioError: If law or reference refuse their settings.
     """
-    reference, law = assemble.build_reference(scenario), assemble.build_law(scenario)
+    reference, law = (
+        controller_building.build_reference(scenario),
+        controller_building.build_law(scenario),
+    )
     period, start, limits = scenario.rig.period, scenario.plant.start, scenario.rig.limits
     if isinstance(law, HeldLaw):
         period, law = law.ticks * period, law.law

@@ -262,7 +262,7 @@ def _plain(value: Any, depth: int = 0) -> Any:
 
 
 OWN_STRUCTS = {"units", "scenario", "parameters", "metrics", JSON_VARIABLE}
-"""Structs beside the columns in an exported run, known by the units among them."""
+"""Structs next to the columns in an exported run, known by the units among them."""
 
 
 def _of_matlab(path: Path, values: Mapping[str, Any], opaque: list[str]) -> ForeignTable:

@@ -22,7 +22,7 @@ from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.base.errors import TwinError
 from twin.hal.rig import Entry, Rig
-from twin.run.assemble import RigChanges
+from twin.run.rig_changes import RigChanges
 from twin.sim.rig import SimulatedRig
 
 CONSTANT_PACKAGES = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 from controllers.per_rig import PerRigReference
 from twin.base.errors import LawError, TwinError
 from twin.base.jobs import results
-from twin.run import assemble
+from twin.run import assemble, controller_building, plants
 from twin.run.finished import Run, run
 from twin.run.loop import alike, drive, is_foreign, refuse_faults
 from twin.run.metrics import Ending
@@ -60,7 +60,7 @@ def batch_key(scenario: Scenario) -> str | None:
     time of its own has channels that others lack, and so has a controller that is a program.
     """
     choice = scenario.controller
-    if assemble.PLANTS[scenario.plant.kind].as_alone is None or choice.kind in ALONE_KINDS:
+    if plants.PLANTS[scenario.plant.kind].as_alone is None or choice.kind in ALONE_KINDS:
         return None
     if scenario.takes_time or scenario.board or scenario.law_ticks > 1 or is_foreign(scenario):
         return None
@@ -127,7 +127,7 @@ def run_alone(scenario: Scenario) -> Run | LawError:
 
 def _batch(scenarios: Sequence[Scenario]) -> Iterator[Run | None]:
     """The runs of one batch, made when they are taken; None for those to be repeated alone."""
-    with assemble.own_errors():
+    with controller_building.own_errors():
         rig, controller = assemble.assemble(scenarios, threads=1, unseen=True, as_alone=True)
         first = scenarios[0]
         period = first.rig.period
@@ -146,7 +146,7 @@ def _batch(scenarios: Sequence[Scenario]) -> Iterator[Run | None]:
             if outcome.ending is not Ending.FINISHED or rig.journal:
                 yield None
                 continue
-            with assemble.own_errors():
+            with controller_building.own_errors():
                 yield Run.of(
                     scenario,
                     record.of_rig(number),

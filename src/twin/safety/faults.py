@@ -89,7 +89,7 @@ def choose_cases(words: Sequence[str]) -> list[int]:
     """Indices of the cases with all of the words in name or condition; all if there are none.
 
     The beginning of a word is enough, in capital or small letters. The name of a fault of a run is
-    that of its row.
+    the one of its row.
 
     Raises:
         ScenarioError: If no case has the words of a text.

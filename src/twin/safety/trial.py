@@ -36,7 +36,7 @@ from twin.emulator.power_stage import (
 from twin.emulator.screen import FRAME_INTERVAL_S, SCREEN_DEAD_TIME_S
 from twin.emulator.serve import Wiring
 from twin.hal.interface import Severity
-from twin.run.assemble import build_controller
+from twin.run.controller_building import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder

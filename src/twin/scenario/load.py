@@ -21,7 +21,7 @@ from controllers.catalog import LAWS_FOLDER, broken, describe_incomplete_classes
 from twin.base.data_file import MAX_NESTING, DataError, parse_toml
 from twin.base.errors import ScenarioError, list_first, nearest, shorten
 from twin.base.shipped import chosen, find, shipped_in
-from twin.base.validation import UNKNOWN_KEY_ERRORS, Model, first_finding, keys_of, read_tables
+from twin.base.validation import BeyondModel, Model, first_finding, keys_of, read_tables
 from twin.scenario import schema
 from twin.scenario.changing import at_time, problem_of_changes
 from twin.scenario.rig_tables import SCENARIO_TABLES, RigLimitsTable, without_ball
@@ -265,7 +265,7 @@ def _with_real_title(
 
 
 def _with_real_kinds(tables: Mapping[str, Any], merged: Tables) -> Tables:
-    """Tables whose title names reference and law as they run, where another kind was chosen.
+    """Tables with a title that names reference and law as they run, where the kind was changed.
 
     Of a reference the part of the title that names one goes, with its numbers; where none does, the
     new one is named at the end. A law is named only where the old one was.
@@ -490,28 +490,37 @@ def describe_replaced(name: str, settings: Collection[tuple[str, Any]]) -> str:
     tables, source = read(name)
     kinds = [(key, value) for key, value in settings if key == "controller.kind"]
     old = _replaced(put(tables, kinds), [key for key, _ in settings])
-    new, gone = (
+    new, replaced = (
         " and ".join(f"controller.{each}" for each in dict.fromkeys(names))
         for names in (old.values(), old)
     )
-    return f"{new} replaces {gone} of {source}" if old else ""
+    return f"{new} replaces {replaced} of {source}" if old else ""
 
 
-def setting(text: str) -> tuple[str, Any]:
+TEXT_KEYS = ("parameters", "board.program")
+"""Keys that hold names of files: a text, also where it looks like a number."""
+
+
+def setting(text: str, called: str = "override") -> tuple[str, Any]:
     """Key and value of an override.
+
+    Args:
+        text: The override.
+        called: What a message calls it.
 
     Raises:
         ScenarioError: If it is not of the form ``key=value``.
     """
     key, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not all(key.split(".")):
-        raise ScenarioError(f"override '{shorten(text)}': write key=value, as in duration=10")
+        raise ScenarioError(f"{called} '{shorten(text)}': write key=value, as in duration=10")
     try:
-        return key, parse_toml(f"value = {value}")["value"]
+        found = parse_toml(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key, value
     except DataError as error:
-        raise ScenarioError(f"override '{shorten(key)}': {error}") from None
+        raise ScenarioError(f"{called} '{shorten(key)}': {error}") from None
+    return key, value if key in TEXT_KEYS and not isinstance(found, str) else found
 
 
 def split_settings(text: str) -> tuple[str, ...]:
@@ -532,13 +541,13 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
     for key, new in sorted(settings, key=lambda item: not item[0].endswith(".kind")):
         names = key.split(".")
         if len(names) > MAX_NESTING:
-            raise ScenarioError(f"override '{shorten(key)}': at most {MAX_NESTING} parts")
+            raise ScenarioError(f"{shorten(key)}: a key has at most {MAX_NESTING} parts")
         table = result
         for depth, name in enumerate(names[:-1]):
             table = table.setdefault(name, {})
             if not isinstance(table, dict):
                 path = ".".join(names[: depth + 1])
-                raise ScenarioError(f"override '{key}': {path} is a value, not a table")
+                raise ScenarioError(f"{key}: {path} is a value, not a table")
         if key in {f"{each}.kind" for each in CATALOG_TABLES} and table.get("kind") != new:
             for other in table.keys() - {"model"}:
                 del table[other]
@@ -644,13 +653,7 @@ def validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix:
     try:
         return model.model_validate_json(json.dumps(tables, default=str))
     except ValidationError as error:
-        known = every_key() if model is Scenario else []
-        found = first_finding(model, error, known)
-        table, missing, rest = found.partition(".kind: missing; ")
-        if missing and rest and table in CATALOG_TABLES:
-            found = f"{table}.kind: missing; give one of {', '.join(schema.choices(table))}"
-        if "; did you mean" not in found and (others := _kinds_with(model, error, prefix)):
-            found = f"{found}; a key of {others}"
+        found = first_finding(model, error, _catalog_beyond(model, prefix.removesuffix(".")))
         raise ScenarioError(f"{source}: {prefix}{found}") from None
 
 
@@ -658,18 +661,24 @@ MAX_NAMED_KINDS = 4
 """Number of kinds with a key that a message names."""
 
 
-def _kinds_with(model: type[BaseModel], error: ValidationError, prefix: str) -> str:
-    """Kinds of a table that have its first unknown key, by name; empty if there is none."""
-    table = prefix.removesuffix(".")
-    unknown = [each["loc"] for each in error.errors() if each["type"] in UNKNOWN_KEY_ERRORS]
-    if table not in CATALOG_TABLES or not unknown or len(unknown[0]) != 1:
-        return ""
-    kinds = [
-        kind
-        for kind, cls in schema.choices(table).items()
-        if unknown[0][0] in schema.settings_model(cls).model_fields
-    ]
-    return f"{table}.kind = {list_first(kinds, MAX_NAMED_KINDS)}" if kinds else ""
+def _catalog_beyond(model: type[BaseModel], table: str) -> BeyondModel:
+    """What the catalog has beyond the model of a scenario, or of the settings of one kind.
+
+    Args:
+        model: The scenario, or the settings of a law, observer or reference.
+        table: Of settings the table they are in.
+    """
+    if model is Scenario:
+        kinds = {f"{each}.kind": list(schema.choices(each)) for each in CATALOG_TABLES}
+        return BeyondModel(keys=every_key(), values=kinds)
+    having: dict[str, list[str]] = {}
+    for kind, cls in schema.choices(table).items() if table in CATALOG_TABLES else ():
+        for key in schema.settings_model(cls).model_fields:
+            having.setdefault(key, []).append(kind)
+    owners = {
+        key: f"{table}.kind = {list_first(kinds, MAX_NAMED_KINDS)}" for key, kinds in having.items()
+    }
+    return BeyondModel(owners=owners)
 
 
 def every_key() -> list[str]:

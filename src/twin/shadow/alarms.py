@@ -225,7 +225,7 @@ class _Sums:
 
 
 UNUSUAL_SHARE = 0.05
-"""Share of windows, without a change, whose misfit counts as too large."""
+"""Share of windows, without a change, with a misfit that counts as too large."""
 SHOWN_SHARE = 1e-10
 """Share of the variance of the score's largest part below which a part is rounding."""
 
@@ -369,7 +369,7 @@ def limit_dead_time_evidence(
     """The windows that show the dead time, each weakened to what one may say for a change of it.
 
     Where a ball stops, friction and tilt gain may seem to be far from what all other windows show.
-    Such a window says little of the dead time alone, but much together with others, which rule
+    Such a window shows little of the dead time alone, but much together with others, which rule
     friction and tilt gain out. Where it is too far off in what no dead time explains, it counts as
     if its noise were so much larger.
 

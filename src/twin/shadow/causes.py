@@ -1,4 +1,4 @@
-"""Alarms, and their causes weighed against one another.
+"""Alarms, and their causes weighed against each other.
 
 The evidence of the windows holds close to what is believed. A cause that changes the ball's motion
 much is therefore expanded again where it puts the parameters, until both agree (Laplace's method).

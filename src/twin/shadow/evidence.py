@@ -38,7 +38,7 @@ from twin.identify.windows import (
     moving_spans,
     unknown_motion,
 )
-from twin.run.assemble import parts_of
+from twin.run.plants import parts_of
 from twin.shadow.belief import BALL_BELIEFS, DRIVE_BELIEFS, WATCHED_PARAMETERS, Belief
 from twin.sim.calibration import MECHANISM_STATES, linear_mechanism
 from twin.sim.drives import DriveModel

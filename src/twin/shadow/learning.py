@@ -7,7 +7,7 @@ so much room; it is put where they put it, expanded again there, and its screen 
 as their residuals require.
 
 Learning hides what has changed before a log begins. So a twin that was learned from a reference log
-is compared with the same fit to the beginning of another log: what differs by more than both fits
+is compared with the same fit to the beginning of a second log: what differs by more than both fits
 may be wrong by, and healthy logs of one rig differ by, has changed.
 """
 
@@ -185,7 +185,7 @@ def shift_parameters(belief: Belief, by: Array) -> Belief:
 
 @dataclass(frozen=True)
 class Difference:
-    """How a parameter of a log's beginning compares with that of the reference.
+    """How a parameter of a log's beginning compares with the reference's.
 
     Attributes:
         name: In ``COMPARED_PARAMETERS``.

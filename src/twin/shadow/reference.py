@@ -41,7 +41,7 @@ HEIGHT_BOUNDS_M = settings_of(Parts)["height"].bounds
 MIN_WIDTH_M = 1e-6
 """Smallest width of an interval of the lever that counts in a weight."""
 MAX_GAIN_ERROR = 0.05
-"""Share by which the gain of a rig may differ from that of its ball. The gains of hollow and solid
+"""Share by which the gain of a rig may differ from its ball's gain. The gains of hollow and solid
 balls differ by 19 %."""
 
 
@@ -115,7 +115,7 @@ def _balls_with(shares: Array) -> list[tuple[str, float]]:
 
 
 def _with_doubted_ball(found: AxisIdentification) -> AxisIdentification:
-    """What was identified with a stated ball, with a note where its gains are those of another.
+    """What was identified with a stated ball, with a note where its gains fit a different one.
 
     The ball stays as it is stated: a plate that tilts further than commanded shows the same gains.
     """
@@ -157,8 +157,8 @@ def _with_shown_lever(found: AxisIdentification) -> AxisIdentification:
     """What was identified, over a plate as high as its levers show.
 
     A ball that is far above the axis of the plate feels how fast that turns. Of a log of any rig
-    the height is not known, and that of the thesis's rig makes a different twin where the log shows
-    another lever: height + radius + J / (m r). The ball stays as it is: a lever that no allowed
+    the height is not known, and the thesis's height makes a different twin where the log shows
+    a different lever: height + radius + J / (m r). The ball stays as it is: a lever that no allowed
     height gives is approached by the nearest one.
     """
     levers = [
@@ -202,7 +202,7 @@ def _read_reference(log: Path, columns: str | None, separator: str | None) -> Lo
     if columns is not None:
         return read_any(log, wanted_columns(columns), separator)
     recorded = read(log)
-    prepare(recorded)  # says what is wrong with it before the other logs are read
+    prepare(recorded)  # reports what is wrong with it before the other logs are read
     return recorded
 
 

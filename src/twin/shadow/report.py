@@ -25,9 +25,9 @@ from twin.identify.log_columns import wanted_columns
 from twin.identify.logs import Log, read
 from twin.identify.prepare import check_ranges
 from twin.identify.windows import REPLAY_STEP_S
-from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import RUN_COLOURS, styled_figure
+from twin.run.plants import drawn_mechanism
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import resolution
 from twin.shadow.belief import (
@@ -39,7 +39,7 @@ from twin.shadow.belief import (
     twin_for_log,
 )
 from twin.shadow.causes import Alarm
-from twin.shadow.follow import DIAGNOSIS_S, PENDING_S, LiveFollower, Shadow, shadow
+from twin.shadow.follow import DIAGNOSIS_S, LEAST_TOLD, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
 from twin.shadow.learning import LEARNING_S, SHOWN_LIMITS
 from twin.sim.plant.rim import Ends
@@ -214,6 +214,12 @@ def sentences(found: Shadow) -> list[str]:
             f"Cannot tell: gaps cut the log up, and only {moved_s:.0f} of its {length:.0f} usable "
             "seconds are long enough without one and have a ball that moves. That is no sign of "
             "health."
+        )
+    elif found.verdict == "cannot tell" and found.taught:
+        words.append(
+            f"Cannot tell: the twin learned from the first {LEARNING_S:g} of the log's "
+            f"{length:.0f} usable seconds; after them the ball moved for {moved_s:.1f} s, and "
+            f"{LEAST_TOLD:g} s are needed. That is no sign of health."
         )
     elif found.verdict == "cannot tell":
         words.append(
@@ -432,7 +438,7 @@ def examine_log(
         overrides: ``KEY=VALUE`` each.
         ball: Of a log that is no run.
         learning: Whether the twin learns before it evaluates.
-        ends: Where end stops or rims stop the ball along x and y, m, as another log shows them; a
+        ends: Where end stops or rims stop the ball along x and y, m, as a second log shows them; a
             log that is no run may show more.
         reference: The twin learned from a reference log, with which the beginning is compared.
 

@@ -1,8 +1,8 @@
 """Runs of a study in C: plant, sensors, drives, observer and law of each rig in one compiled loop.
 
-The loop joins the C source of a rig's FMU (``twin.fmu``) with that of the controller
+The loop joins the C source of a rig's FMU (``twin.fmu``) with the controller's
 (``twin.board``) and is given the noise that the twin draws. Its runs are those of the exact
-equations in numpy but for rounding. A run that does not finish is made again in numpy, which says
+equations in numpy but for rounding. A run that does not finish is repeated in numpy, which states
 why it ended.
 """
 
@@ -35,7 +35,7 @@ from twin.fmu.export import (
     surface_of,
     variables,
 )
-from twin.run.assemble import build_reference, control_of, own_errors
+from twin.run.controller_building import build_reference, control_of, own_errors
 from twin.run.metrics import Ending, Motion, Outcome, measure
 from twin.scenario.rig_tables import left_out
 from twin.scenario.schema import Scenario, changed_in_vain

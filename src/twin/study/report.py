@@ -267,7 +267,7 @@ def _importance(study: Study, found: Sequence[Answer], metric: str) -> list[str]
 
 
 def with_units(study: Study, table: pa.Table) -> pa.Table:
-    """Rows whose fields have a ``unit`` as metadata, and the table the versions of what ran it."""
+    """Rows with a ``unit`` as metadata of each field, and the versions as metadata of the table."""
 
     def unit_of(name: str) -> str:
         if name in study.parameters:

@@ -24,7 +24,7 @@ from controllers.arrays import Array
 from controllers.catalog import left_alone, outside
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import model_path
-from twin.run.assemble import build_controller, own_errors
+from twin.run.controller_building import build_controller, own_errors
 from twin.run.files import MOTION_INDICATORS
 from twin.run.loop import alike, simulate
 from twin.run.metrics import Ending

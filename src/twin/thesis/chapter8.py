@@ -28,9 +28,10 @@ from twin.base.errors import plural
 from twin.base.jobs import cores, results
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
-from twin.run.assemble import PlantKind, assemble, register
+from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Motion, Outcome, measure
+from twin.run.plants import PlantKind, register
 from twin.run.record import Recorder
 from twin.scenario.load import check, laid_over, put
 from twin.scenario.schema import Scenario

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from controllers.arrays import Array
-from twin.base.errors import LawError, nearest
+from twin.base.errors import LawError, nearest, plural
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model
 from twin.run.files import INDICATOR_UNITS as ALL_UNITS
@@ -148,7 +148,7 @@ class FitTable(Checked):
         count = sum(len(each.measured) for each in self.experiments)
         if count < len(self.parameters):
             raise ValueError(
-                f"experiments: {count} measured indicators cannot determine "
+                f"experiments: {plural(count, 'measured indicator')} cannot determine "
                 f"{len(self.parameters)} parameters; give at least as many"
             )
         labels = [each.label for each in self.experiments]

@@ -8,9 +8,9 @@ from typing import Any
 
 from twin.base import page
 from twin.base.errors import plural
-from twin.base.page import Block, Code, Table, Text, Verdict, digits
+from twin.base.page import Block, Code, Table, Text, Verdict, digits, percent
 from twin.base.writing import write_json, write_whole
-from twin.run.assemble import build_law
+from twin.run.controller_building import build_law
 from twin.run.tables import INDICATOR_LABELS, flat
 from twin.scenario.load import setting
 from twin.scenario.schema import CONTROL_TABLES
@@ -74,7 +74,8 @@ def sentences(found: TuneResult) -> list[str]:
     if cost is not None:
         than = "a lost rig" if was is None else f"{was:.3g}"
         lines.append(
-            f"Mean cost of the worst {tune.tail:.0%} of these rigs: {cost:.3g} after {than}."
+            f"Mean cost of the worst {percent(tune.tail, 0)} of these rigs: {cost:.3g} "
+            f"after {than}."
         )
     if found.chosen is found.candidates[0]:
         lines.append("Nothing better than the beginning was found.")

@@ -17,8 +17,9 @@ from twin.base.data_file import read_packaged
 from twin.hal.cams import CamTable
 from twin.hal.interface import AXIS_NAMES
 from twin.hal.supervisor import State
-from twin.run.assemble import build_reference, drawn_mechanism, parts_of
+from twin.run.controller_building import build_reference
 from twin.run.finished import columns, states_of
+from twin.run.plants import drawn_mechanism, parts_of
 from twin.run.record import of_axes
 from twin.scenario.schema import Scenario
 from twin.sim.plant.model import screen_of

@@ -10,8 +10,9 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.data_file import read_packaged
+from twin.base.page import percent
 from twin.devices.realtime import describe_lateness
-from twin.run.assemble import build_law
+from twin.run.controller_building import build_law
 from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
 
@@ -221,11 +222,11 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
         f"{_size(run, found)}.",
     ]
     if found.held:
-        share = f"{found.held:.1%} of the whole run's time"
+        share = f"{percent(found.held)} of the whole run's time"
         sentences.append(f"Friction held the ball at rest {share} (shaded).")
     if found.walled >= MIN_HELD_SHARE:
         wall = "an end stop" if run.scenario.plant.axes == 1 else "a wall"
-        sentences.append(f"The ball was at {wall} {found.walled:.1%} of the whole run's time.")
+        sentences.append(f"The ball was at {wall} {percent(found.walled)} of the whole run's time.")
     sentences += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
     if (off := found.estimation) is not None and off >= MIN_REPORTED_DISTANCE_M:
         size = "large" if off > 0.5 * found.rms else "small"
@@ -319,7 +320,8 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
         facts.insert(0, "the plate was never moved: limits left nothing of any command")
     if found.cut is not None and found.cut > MIN_CUT_SHARE:
         facts.append(
-            f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
+            "a limit of rate, acceleration or angle cut the effort "
+            f"{percent(found.cut)} of the time"
         )
     limit = run.scenario.rig.limits.angle_deg
     if found.angle > LIMIT_SHARE:
@@ -327,22 +329,22 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
     if found.cut is not None and found.cut <= MIN_CUT_SHARE and found.angle <= LIMIT_SHARE:
         held = _describe_held(run, found, MIN_HELD_SHARE)
         none = f"{NO_PLATE_LIMIT_TEXT}: of its" if held else f"{NO_LIMIT_TEXT}, of the plate's"
-        facts.append(f"{none} {limit:g} deg {found.angle:.0%} were used")
+        facts.append(f"{none} {limit:g} deg {percent(found.angle, 0)} were used")
     if found.lifted:
-        facts.append(f"a wheel left its cam {found.lifted:.1%} of the time")
+        facts.append(f"a wheel left its cam {percent(found.lifted)} of the time")
     if found.untouched:
-        facts.append(f"no ball was detected {found.untouched:.1%} of the time")
+        facts.append(f"no ball was detected {percent(found.untouched)} of the time")
     return facts or [NO_LIMIT_TEXT]
 
 
 def _describe_held(run: Run, found: Diagnosis, share: float) -> list[str]:
     """What held the ball for more than a share of the time, in half a sentence each."""
     facts = []
-    if (found.held or 0.0) >= share:
-        facts.append(f"friction held the ball at rest {found.held:.1%} of the time")
+    if (held := found.held or 0.0) >= share:
+        facts.append(f"friction held the ball at rest {percent(held)} of the time")
     if found.walled >= share:
         wall = "an end stop" if run.scenario.plant.axes == 1 else "a wall"
-        facts.append(f"the ball was at {wall} {found.walled:.1%} of the time")
+        facts.append(f"the ball was at {wall} {percent(found.walled)} of the time")
     return facts
 
 

@@ -20,9 +20,9 @@ from twin.base.followers import DEFAULT, SHAPE
 from twin.base.jobs import cores
 from twin.base.settings import Setting
 from twin.base.writing import write_whole
-from twin.run.assemble import linkage_of
 from twin.run.finished import Run
 from twin.run.metrics import Ending
+from twin.run.plants import linkage_of
 from twin.run.together import run_together, work_in_batches
 from twin.scenario.rig_tables import CAMS_ONLY, LEFT_OUT, REGISTER
 from twin.scenario.schema import Scenario

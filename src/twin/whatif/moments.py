@@ -20,7 +20,8 @@ from controllers.interfaces import DelayedObserver, Measurement
 from twin.base.errors import RecordError
 from twin.identify.logs import Log
 from twin.identify.prepare import interpolate
-from twin.run.assemble import assemble, build_controller, build_reference, law_of
+from twin.run.assemble import assemble
+from twin.run.controller_building import build_controller, build_reference, law_of
 from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.metrics import Motion

@@ -304,7 +304,7 @@ OPERATIONAL = 5
 """NMT state in a heartbeat; 0 is a boot-up."""
 
 CONSUMER_HEARTBEAT = 0x1016
-"""Index of the node whose heartbeat is monitored, as `split_watch` reads it."""
+"""Index of the node with the monitored heartbeat, as `split_watch` reads it."""
 
 
 def split_watch(value: int) -> tuple[int, int]:

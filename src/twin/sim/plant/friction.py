@@ -293,7 +293,7 @@ class Friction:
     Attributes:
         rolling: Rolling resistance arm in m; a plate at rest tilted by less than
             arctan(arm / radius) holds the ball.
-        breakaway_ratio: Resistance arm after a long rest, relative to that of a rolling ball; >= 1.
+        breakaway_ratio: Resistance arm after a long rest, relative to a rolling ball's; >= 1.
         stribeck_speed: Speed in m/s at which half of the additional breakaway friction remains.
         dwell_time: Time constant in s with which the breakaway friction builds up at rest.
         viscous: Further arm per speed, m per m/s.

@@ -445,7 +445,7 @@ class Mechanism:
         self._seen, places = seen.T, self._places
         np.abs(seen[0], places[0])
         np.abs(seen[4], places[1])
-        # below is as far beyond as beside
+        # below is as far beyond as to the side
         np.negative(height, places[2])
         within = places <= self._bounds
         self._inside = self._all if every(within) else within[0] & within[1] & within[2]

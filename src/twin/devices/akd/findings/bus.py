@@ -101,7 +101,7 @@ def find_other_hosts(trace: Conversation, known: Sequence[Finding]) -> Iterator[
 def first_of_two(time: Sequence[float], usual: float) -> int | None:
     """Where frames of a second sender with the same identifier begin; None if there is none.
 
-    Frames of two senders come in pairs of uneven pauses, whose sum is the period of each sender.
+    Frames of two senders come in pairs of uneven pauses; their sum is the period of each sender.
     One sender that is late every other time looks alike; its mean pause is its usual one, though.
 
     Args:

@@ -77,7 +77,7 @@ def axes(trace: Conversation) -> tuple[Axis, ...]:
 
 
 def _find_axes(trace: Conversation) -> Iterator[Axis]:
-    """The axes whose status word is known."""
+    """The axes with a known status word."""
     for (node, (index, sub)), changes in trace.observed.changes.items():
         base, number = axis_of(index)
         if base != STATUS or sub or not trace.objects.is_drive(node):

@@ -37,7 +37,7 @@ the slowest regular stream."""
 USUAL_SHARE = 0.99
 """Share of all pauses of the bus that are usual."""
 RESET_S, OBEY_S = 5.0, 1.0
-"""Time in s in which a node boots after a reset, and in which it follows another NMT command."""
+"""Time in s in which a node boots after a reset, and in which it follows any other NMT command."""
 _BOOT_UP, _STOP, _RESETS = 0, 2, (129, 130)
 LEAVING = (_STOP, protocol.PRE_OPERATIONAL, *_RESETS)
 """NMT commands by which a node leaves the operational state."""

@@ -41,10 +41,10 @@ class Cycles(NamedTuple):
     """The PDOs of a stream by the SYNCs that they belong to.
 
     Attributes:
-        sync: Times of the SYNCs from that of the first PDO to that of the last, s.
+        sync: Times of the SYNCs from the first PDO's to the last PDO's, s.
         counts: PDOs after each of them.
-        last: The time of the last PDO after each of them, s; that of the SYNC without one.
-        later: SYNCs after that of the last PDO.
+        last: The time of the last PDO after each of them, s; the SYNC's own without one.
+        later: SYNCs after the last PDO's.
     """
 
     sync: Sequence[float]
@@ -117,7 +117,7 @@ def _of_streams(trace: Conversation, known: Sequence[Finding]) -> Iterator[Findi
 
 
 def _sorted_out(counts: Sequence[int]) -> tuple[list[int], list[int], list[int]]:
-    """The SYNCs without a PDO, those whose PDO comes after the next SYNC, those with too many.
+    """The SYNCs without a PDO, those with a PDO after the next SYNC, those with too many.
 
     Args:
         counts: PDOs after each SYNC. More than one make up for SYNCs without one

@@ -130,7 +130,7 @@ def _between(axis: Axis, begin: float, end: float) -> Iterator[Span]:
 
 
 def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
-    """Axes that display another mode of operation than they are given."""
+    """Axes that display a different mode of operation from the one given."""
     for axis in axes(trace) if trace.timed else ():
         shown, given = (
             trace.observed.changes.get((axis.node, key_of_axis(index, axis.number)), [])

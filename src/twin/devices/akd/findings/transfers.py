@@ -90,7 +90,7 @@ def _group_transfers(
     Args:
         trace: The trace.
         known: What was found before.
-        code: That of the findings.
+        code: Code of the findings.
         words: What became of the transfers.
         failed: Whether a transfer is one of them.
     """
@@ -209,7 +209,7 @@ def _is_second(ends: Sequence[float], stray: StrayAnswer) -> bool:
 
 
 def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
-    """Settings that are read back with another value, or never."""
+    """Settings that are read back with a different value, or never."""
     written: dict[tuple[int, Key], Transfer] = {}
     unread: dict[tuple[int, Key], Transfer] = {}
     wrong: dict[tuple[int, Key], tuple[Transfer, Transfer]] = {}

@@ -116,7 +116,7 @@ _TRC_COLUMNS = {
     4: {"O": 1, "T": 2, "I": 3, "d": 4, "L": 5},
     5: {"O": 1, "T": 2, "B": 3, "I": 4, "d": 5, "L": 7},
 }
-"""Places in the lines of versions 2.0 and 2.1, by that of the direction."""
+"""Places in the lines of versions 2.0 and 2.1, by the place of the direction."""
 _TRC_DIRECTIONS = {"Rx", "Tx"}
 _TRC_DATA = {"Rx", "Tx", "DT", "RR"}
 _TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
