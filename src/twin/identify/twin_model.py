@@ -6,7 +6,7 @@ From a log with plate angles to parameters, verdicts, and what they are worth on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any, cast
@@ -282,9 +282,10 @@ def fit_twin(
     grip: float,
     *,
     uneven: bool = False,
+    guesses: Array | None = None,
     selection: TwinSelection = TWIN_SELECTION,
 ) -> Fit[TwinProblem]:
-    """Fit the parameters, from many starts; ``grip`` as in ``replay``.
+    """Fit the parameters, from many starts unless guesses are given; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
     the truth: windows in which the ball rolls throughout give rolling friction, delay and level
@@ -295,8 +296,11 @@ def fit_twin(
     forces that nobody knows, are part of the noise, in the sizes that make the log most likely.
     """
     problem = TwinProblem(windows, names, model, grip, noise=selection.noise)
-    guesses = _scan_breakaway(problem, _fit_rolling(problem), selection)
-    found = minimise(problem, guesses, fit_starts_from_scratch(problem, guesses, 3), 12, 4)
+    if guesses is None:
+        tried = _scan_breakaway(problem, _fit_rolling(problem), selection)
+    else:
+        tried = np.clip(guesses, *problem.bounds)
+    found = minimise(problem, tried, fit_starts_from_scratch(problem, tried, 3), 12, 4)
     sizes = selection.noise.initial_sizes
     for _ in range(selection.noise.iterations if uneven else 0):
         problem = problem.whiten(found.best(1), sizes)
@@ -319,7 +323,9 @@ def fit_twin(
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
         windows = replace(windows, resting=resting)
-        return fit_twin(model, windows, names, grip, uneven=uneven, selection=selection)
+        return fit_twin(
+            model, windows, names, grip, uneven=uneven, guesses=guesses, selection=selection
+        )
     if not uneven:
         return Fit(problem, best)
     # the effect of the patches depends on the ball's path at the best fit
@@ -653,12 +659,13 @@ class TwinIdentification(Identification):
         }
 
 
-def _fit_windows(
+def fit_windows(
     log: PreparedLog,
     windows: Windows,
     names: tuple[str, ...],
-    selection: TwinSelection,
-    progress: Callable[[float], None],
+    selection: TwinSelection = TWIN_SELECTION,
+    progress: Callable[[float], None] = lambda _: None,
+    guess: Mapping[str, float] | None = None,
 ) -> tuple[tuple[str, ...], Fit[TwinProblem], Whiteness, list[str]]:
     """Fit the parameters, on an even screen or, if that does not explain the log, an uneven one.
 
@@ -668,6 +675,7 @@ def _fit_windows(
         names: The requested parameters.
         selection: Constants of the fit.
         progress: Called with the share of the work done.
+        guess: Every ball parameter by name, in SI units, where a fit begins; None to search.
 
     Returns:
         The fitted parameters (viscous friction may be added), the fit, the whiteness of its
@@ -675,13 +683,16 @@ def _fit_windows(
     """
 
     def best(asked: tuple[str, ...], *, uneven: bool = False) -> Fit[TwinProblem]:
+        fitted = fitted_parameters(asked, windows.axes)
+        guesses = None if guess is None else np.array([[guess[name] for name in fitted]])
         fits = [
             fit_twin(
                 log.model,
                 windows,
-                fitted_parameters(asked, windows.axes),
+                fitted,
                 grip,
                 uneven=uneven,
+                guesses=guesses,
                 selection=selection,
             )
             for grip in log.grips
@@ -763,7 +774,7 @@ def identify_twin(
             "needed"
         )
 
-    names, fit, white, notes = _fit_windows(usable, windows, names, selection, progress)
+    names, fit, white, notes = fit_windows(usable, windows, names, selection, progress)
     notes = [*usable.notes, *notes, *_describe_fit(log, usable, fit, len(windows))]
     tried = replay_log(unknown, fit, lag, how) if unknown is not None and unknown.segments else {}
     if not tried and share < 1:
