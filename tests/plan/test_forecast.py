@@ -15,8 +15,13 @@ from twin.identify.least_squares import (
     SampleWindows,
     Termination,
 )
-from twin.identify.parameters import IdentifiedParameter
-from twin.plan.forecast import ExpectedFit, find_indistinct, half_width
+from twin.identify.parameters import DEFAULT_PARAMETERS, IdentifiedParameter
+from twin.identify.twin_model import identify_twin
+from twin.plan.forecast import ExpectedFit, find_indistinct, forecast_log, half_width
+from twin.scenario.schema import at_study_step
+from twin.shadow.belief import logs
+from twin.study.schema import draw_rigs, read_family
+from twin.study.work import Builder
 
 WINDOWS, SAMPLES, SIGMA = 30, 20, 2e-3
 
@@ -86,3 +91,18 @@ def test_a_ball_that_falls_gives_nothing_and_says_so():
     assert planned.nominal.verdicts == ()
     assert "the ball rolls for" in planned.nominal.why
     assert planned.score == pytest.approx(100)
+
+
+@pytest.mark.long
+def test_a_start_that_the_true_friction_misses_widens_no_forecast():
+    """In a window of this run the ball clings longer than a replay of the rig itself says."""
+    number = 5
+    rig = draw_rigs(read_family("uncertain"), 63_201, number + 1)[number]
+    build, fixed = Builder("excite"), ["duration=40"]
+    truth = at_study_step(build([*fixed, f"seed={rig.seed + 2}"], rig.point))
+    (log,) = logs([(at_study_step(build(fixed, {})), truth)])
+    planned, found = forecast_log(log, truth), identify_twin(log, DEFAULT_PARAMETERS)
+    for one in found.verdicts:
+        if one.name in {"rolling", "delay", "level_phi", "level_theta"}:
+            # of one log they differ by the draw of the residuals alone
+            assert 1 / 1.3 < half_width(planned.verdict(one.name)) / half_width(one) < 1.3

@@ -231,9 +231,10 @@ def fit_twin(
     grip: float,
     *,
     uneven: bool = False,
+    guesses: Array | None = None,
     selection: TwinSelection = TWIN_SELECTION,
 ) -> Fit[TwinProblem]:
-    """Fit the parameters, from many starts; ``grip`` as in ``replay``.
+    """Fit the parameters, from many starts unless guesses are given; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
     the truth: windows in which the ball rolls throughout give rolling friction, delay and level
@@ -244,8 +245,11 @@ def fit_twin(
     forces that nobody knows, are part of the noise, in the sizes that make the log most likely.
     """
     problem = TwinProblem(windows, names, model, grip, noise=selection.noise)
-    guesses = _scan_breakaway(problem, _fit_rolling(problem), selection)
-    found = minimise(problem, guesses, fit_starts_from_scratch(problem, guesses, 3), 12, 4)
+    if guesses is None:
+        tried = _scan_breakaway(problem, _fit_rolling(problem), selection)
+    else:
+        tried = np.clip(guesses, *problem.bounds)
+    found = minimise(problem, tried, fit_starts_from_scratch(problem, tried, 3), 12, 4)
     sizes = selection.noise.initial_sizes
     for _ in range(selection.noise.iterations if uneven else 0):
         problem = problem.whiten(found.best(1), sizes)
@@ -268,7 +272,9 @@ def fit_twin(
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
         windows = replace(windows, resting=resting)
-        return fit_twin(model, windows, names, grip, uneven=uneven, selection=selection)
+        return fit_twin(
+            model, windows, names, grip, uneven=uneven, guesses=guesses, selection=selection
+        )
     if not uneven:
         return Fit(problem, best)
     # the effect of the patches depends on the ball's path at the best fit

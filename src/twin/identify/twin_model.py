@@ -5,7 +5,7 @@ The part of the log that is held out shows their worth.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -141,12 +141,13 @@ class TwinIdentification(Identification):
         }
 
 
-def _fit_windows(
+def fit_windows(
     log: PreparedLog,
     windows: Windows,
     names: tuple[str, ...],
-    selection: TwinSelection,
-    progress: Callable[[float], None],
+    selection: TwinSelection = TWIN_SELECTION,
+    progress: Callable[[float], None] = lambda _: None,
+    guess: Mapping[str, float] | None = None,
 ) -> tuple[tuple[str, ...], Fit[TwinProblem], Whiteness, list[str]]:
     """Fit the parameters, on an even screen or, if that does not explain the log, an uneven one.
 
@@ -159,6 +160,7 @@ def _fit_windows(
         names: The requested parameters.
         selection: Constants of the fit.
         progress: Called with the share of the work done.
+        guess: Every ball parameter by name, in SI units, where a fit begins; None to search.
 
     Returns:
         The fitted parameters (viscous friction may be added), the fit, the whiteness of its
@@ -166,13 +168,16 @@ def _fit_windows(
     """
 
     def best(asked: tuple[str, ...], *, uneven: bool = False) -> Fit[TwinProblem]:
+        fitted = fitted_parameters(asked, windows.axes)
+        guesses = None if guess is None else np.array([[guess[name] for name in fitted]])
         fits = [
             fit_twin(
                 log.model,
                 windows,
-                fitted_parameters(asked, windows.axes),
+                fitted,
                 grip,
                 uneven=uneven,
+                guesses=guesses,
                 selection=selection,
             )
             for grip in log.grips
@@ -254,7 +259,7 @@ def identify_twin(
             "needed"
         )
 
-    names, fit, white, notes = _fit_windows(usable, windows, names, selection, progress)
+    names, fit, white, notes = fit_windows(usable, windows, names, selection, progress)
     notes = [*usable.notes, *notes, *_describe_fit(log, usable, fit, len(windows))]
     tried = replay_log(unknown, fit, lag, how) if unknown is not None and unknown.segments else {}
     if not tried and share < 1:

@@ -1,46 +1,37 @@
 """Forecast of the intervals that ``identify`` will give, before anything is recorded.
 
 How much each parameter moves what the screen reports of a simulated run, over the noise of the
-screen, is the expected information of a motion (Fisher). Windows, noise, intervals and verdicts are
-those of ``identify``; only the search for the parameters is left out, for they are known here.
+screen, is the expected information of a motion (Fisher). Windows, fit, intervals and verdicts are
+those of ``identify``; only the search for a first guess is left out: a fit begins at the rig's own
+numbers.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import time_constant
 from twin.base.errors import LogError
-from twin.identify.least_squares import (
-    CONVERGED,
-    Estimate,
-    Fit,
-    Minimum,
-    Termination,
-    fit_starts,
-    fit_starts_from_scratch,
-    minimise,
-)
+from twin.identify.least_squares import Estimate, Fit
 from twin.identify.logs import Log
 from twin.identify.parameters import (
-    AT_REST,
     DEFAULT_PARAMETERS,
     FITTED_SHARE,
     HIDDEN_PARAMETERS,
     SERVO_PARAMETER,
-    fitted_parameters,
 )
 from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.twin_fit import TWIN_SELECTION, TwinProblem
-from twin.identify.twin_verdicts import assess_parameters, whiteness
+from twin.identify.twin_model import fit_windows
+from twin.identify.twin_verdicts import assess_parameters
 from twin.identify.verdicts import ParameterVerdict
-from twin.identify.windows import Windows, cut, moving_spans
+from twin.identify.windows import cut, moving_spans
 from twin.scenario.schema import Scenario
 from twin.shadow.belief import Belief
 
@@ -50,12 +41,7 @@ class ForecastConstants:
     """Constants of a forecast.
 
     Attributes:
-        noise_draws: Number of draws of the noise; the median is taken over their intervals.
-        initial_force_m_s2: Unknown force on an uneven screen with which the search for its size
-            begins.
-        size_iterations: Number of estimates of the sizes of unknown motion.
-        start_steps: Largest number of steps by which the start of a window is found.
-        fit_steps: Largest number of steps of a fit by which an even screen is tried.
+        noise_draws: Number of draws of the noise over whose intervals the median is taken.
         max_information_share: Eigenvalue of the scaled information, 1 if all parameters differ,
             below which the parameters of its direction cannot be told apart.
         min_direction_share: Component of a parameter in such a direction above which it is named.
@@ -64,10 +50,6 @@ class ForecastConstants:
     """
 
     noise_draws: int = 24
-    initial_force_m_s2: float = 1e-3
-    size_iterations: int = 2
-    start_steps: int = 8
-    fit_steps: int = 10
     max_information_share: float = 0.05
     min_direction_share: float = 0.35
     worst_ratio: float = 100.0
@@ -100,7 +82,7 @@ class ExpectedEstimate(Estimate):
 
 @dataclass(frozen=True)
 class ExpectedFit(Fit[TwinProblem]):
-    """The fit of a log at known parameters, with the intervals that noise usually gives.
+    """The fit of a log, with the intervals that noise usually gives.
 
     Attributes:
         how: Constants of the forecast.
@@ -205,6 +187,13 @@ def forecast_log(
 ) -> RigForecast:
     """What ``identify`` is expected to find in such a log as one of a known rig.
 
+    The parameters are fitted to the log, though they are known: at the rig's own numbers a replay
+    may miss how long a ball clings before it starts, which a fit explains by other numbers of its
+    friction at rest. The unknown forces would have to explain it instead, and widen all intervals.
+
+    The residuals are drawn, but those of an even screen that explains the log of an uneven rig are
+    the run's own: what the model lacks makes more of them than the noise.
+
     Args:
         log: A simulated run of the rig.
         truth: The rig.
@@ -224,81 +213,12 @@ def forecast_log(
             raise LogError(f"{known.length:.0f} s are too short: fewer than 3 windows to fit")
     except LogError as error:
         return RigForecast(why=str(error).removeprefix(f"{log.source}: "))
-    fit = _expect_even(log, belief, windows, names, how) or _expect_uneven(
-        log, belief, windows, names, how
-    )
+    _, fit, left, _ = fit_windows(usable, windows, names, guess=belief.values)
+    even = not belief.scenario.plant.surface.spread_percent and not belief.values["dwell"]
+    if even or fit.problem.windows.white is not None:
+        fit = ExpectedFit(fit.problem, fit.found, how)
     asked = tuple(name for name in names if name not in HIDDEN_PARAMETERS)
-    left = whiteness(Fit(fit.problem, fit.found))
     return RigForecast(
         verdicts=assess_parameters(asked, fit, drives, left),
         indistinct=tuple(find_indistinct(fit.problem.names, find_information(fit), how)),
     )
-
-
-def _expect_even(
-    log: Log, belief: Belief, windows: Windows, names: tuple[str, ...], how: ForecastConstants
-) -> Fit[TwinProblem] | None:
-    """The fit on an even screen; None if ``identify`` would find that it does not explain the log.
-
-    On an even rig it is at the rig's own numbers. On any other it is at the numbers that come
-    nearest, with the residuals of the run: what the model lacks makes more of them than the noise.
-    """
-    fitted = fitted_parameters((*names, *AT_REST), windows.axes)
-    problem = TwinProblem(windows, fitted, log.model, belief.grip, noise=TWIN_SELECTION.noise)
-    theta = np.array([[belief.values[name] for name in fitted]])
-    starts = fit_starts_from_scratch(problem, theta, how.start_steps)
-    if not belief.scenario.plant.surface.spread_percent and not belief.values["dwell"]:
-        return ExpectedFit(*_leave_out(problem, _at(problem, theta, starts)), how)
-    found = minimise(problem, theta, starts, how.fit_steps, polish=2)
-    fit = Fit(*_leave_out(problem, found))
-    enough = len(fit.problem.windows) >= TWIN_SELECTION.even_screen_share * len(windows)
-    return fit if enough and whiteness(fit).white else None
-
-
-def _expect_uneven(
-    log: Log, belief: Belief, windows: Windows, names: tuple[str, ...], how: ForecastConstants
-) -> ExpectedFit:
-    """The fit on an uneven screen, with ageing contacts and other unknown forces.
-
-    The friction of a ball at rest hardly shows in a run: what is known before then moves a fit away
-    from the rig's own numbers, to where an interval may be several times as wide or narrow. So the
-    fit is where one of the same motion without noise ends.
-    """
-    fitted = fitted_parameters((*names, *AT_REST), windows.axes)
-    problem = TwinProblem(windows, fitted, log.model, belief.grip, noise=TWIN_SELECTION.noise)
-    theta = np.array([[belief.values[name] for name in fitted]])
-    found = _at(problem, theta, fit_starts_from_scratch(problem, theta, how.start_steps))
-    spread = belief.scenario.plant.surface.spread_percent / 100
-    sizes = (spread, how.initial_force_m_s2)
-    for _ in range(how.size_iterations):
-        problem = problem.whiten(found, sizes)
-        starts = fit_starts(problem, theta, found.starts, how.start_steps)
-        found = _at(problem, theta, starts)
-        sizes = problem.estimate_sizes(found)
-    problem = problem.whiten(found, sizes)
-    problem, found = _leave_out(problem, _at(problem, theta, found.starts))
-    places, _ = problem.simulate_samples(theta, found.starts)
-    silent = replace(problem, windows=replace(problem.windows, ball=places[0]))
-    theta = minimise(silent, theta, found.starts, how.fit_steps, polish=2).theta
-    starts = fit_starts(problem, theta, found.starts, how.start_steps)
-    return ExpectedFit(problem, _at(problem, theta, starts), how)
-
-
-def _at(problem: TwinProblem, theta: Array, starts: Array) -> Minimum:
-    """Parameters, shape (1, P), and starts, shape (4, 1, W), as the result of a fit."""
-    line = problem.linearise(theta, starts)
-    return Minimum(theta, starts, problem.cost(line.r), line, Termination(CONVERGED, 0, 0))
-
-
-def _leave_out(problem: TwinProblem, found: Minimum) -> tuple[TwinProblem, Minimum]:
-    """The problem and its fit without the windows that its parameters do not explain."""
-    misfit = problem.misfit(found.linearisation.r)[0]
-    most = TWIN_SELECTION.unexplained_misfit_ratio * max(1.0, float(np.median(misfit)))
-    explained = misfit < most
-    if not explained.all() and explained.sum() >= 3:
-        problem = replace(problem, windows=problem.windows.take(explained))
-        found = found._replace(
-            starts=found.starts[:, :, explained],
-            linearisation=found.linearisation.take(explained),
-        )
-    return problem, found
