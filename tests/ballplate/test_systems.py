@@ -237,6 +237,20 @@ def test_the_exact_plant_and_the_equations_have_the_spin_of_the_scenario(ball_sp
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + equations.dynamics(0.0, x + h * k3, now))
 
 
+def test_a_push_at_rest_acts_on_the_equations_with_the_step_of_their_docstring():
+    steps, push = 1000, slice(500, 510)
+    t, u = np.arange(steps) * T, np.zeros((2, steps))
+    u[0, push] = 5.0
+    options = {"max_step": T}
+    assert f"solve_ivp_kwargs={options}".replace("'", '"') in bp.systems.equations.__doc__
+    found = control.input_output_response(
+        bp.systems.equations(), t, u, np.zeros(8), solve_ivp_kwargs=options
+    ).states
+    rate = u[0].sum() * T  # of the plate, rad/s, after it
+    assert found[3, -1] == pytest.approx(rate, rel=1e-3)
+    assert found[2, -1] == pytest.approx(rate * (t[-1] - t[push].mean()), rel=1e-3)
+
+
 def test_a_spin_that_is_not_free_is_no_state():
     locked = {"kind": "lagrange", "ball_spin": "locked"}
     with pytest.raises(bp.TwinError, match=r"spin: needs plant\.ball_spin 'free'"):

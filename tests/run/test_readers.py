@@ -326,6 +326,35 @@ def test_samples_that_a_measurement_file_marks_as_invalid_are_left_out(tmp_path)
 
 
 @pytest.mark.parametrize(
+    ("starts", "shift"),
+    [
+        (("2026-01-01T10:00:00.0", "2026-01-01T10:00:00.3"), 0.3),
+        (("2026-01-01T10:00:00.3", "2026-01-01T10:00:00.0"), -0.3),
+        (("2026-01-01T10:00:00.0", "1904-01-01T00:00:00.0"), 0.0),
+        (("2026-01-01T10:00:00.0", None), 0.0),
+    ],
+)
+def test_waveforms_of_labview_that_start_apart_keep_their_distance(tmp_path, starts, shift):
+    from nptdms import ChannelObject, TdmsWriter
+
+    channels = []
+    for name, values, start in zip("xu", (X, U), starts, strict=True):
+        properties = {"wf_increment": T[1] - T[0], "wf_start_offset": 0.0}
+        if start is not None:
+            properties["wf_start_time"] = np.datetime64(start)
+        channels.append(ChannelObject("rig", name, values, properties))
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment(channels)
+    table = foreign_table(tmp_path / "a.tdms")
+    apart = table.clocks["rig/u"] - table.clocks["rig/x"]
+    np.testing.assert_allclose(apart, shift, atol=1e-9)
+    assert min(clock[0] for clock in table.clocks.values()) == 0
+    assert [f"{abs(shift):g} s apart" in note for note in table.notes] == [True] * (shift != 0)
+    axis = read_any(tmp_path / "a.tdms", wanted_columns("measured_x=rig/x,command_phi=rig/u")).axes
+    assert axis["x"].sampled[0] - axis["x"].time[0] == pytest.approx(-shift, abs=1e-9)
+
+
+@pytest.mark.parametrize(
     ("module", "ending"),
     [("h5py", ".h5"), ("openpyxl", ".xlsx"), ("nptdms", ".tdms"), ("asammdf", ".mf4")],
 )

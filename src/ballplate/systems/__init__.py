@@ -200,6 +200,9 @@ def equations(
     equation: the force of friction there depends on the other forces, and a solver with variable
     steps gets stuck at that point. ``exact`` has it.
 
+    At rest the solver of ``control.input_output_response`` takes steps of seconds and jumps over a
+    shorter input: pass it ``solve_ivp_kwargs={"max_step": 0.002}``, the sampling time of the input.
+
     Args and errors as in ``linear``; ``spin`` needs a scenario with a freely spinning ball.
     """
     import control

@@ -40,6 +40,8 @@ OBJECT_ADVICE = (
 )
 LOGS_EXTRA = "logs"
 """The extra that brings the libraries of the rarer formats."""
+NO_START_TIME = np.datetime64("1904-01-01")
+"""The start time of a LabVIEW waveform that has none: the zero of LabVIEW's clock."""
 
 
 @dataclass(frozen=True)
@@ -468,12 +470,16 @@ def _cell(value: Any) -> Any:
 
 
 def read_tdms(path: Path) -> ForeignTable:
-    """The channels of a LabVIEW file as ``GROUP/CHANNEL``, with the times of their waveforms."""
+    """The channels of a LabVIEW file as ``GROUP/CHANNEL``, with the times of their waveforms.
+
+    Where every waveform has a start time, times count from the first start.
+    """
     with extra(LOGS_EXTRA, f"{path.name}: a LabVIEW file"):
         from nptdms import TdmsFile  # noqa: PLC0415
     columns: dict[str, Array | list[str]] = {}
     units: dict[str, str] = {}
     clocks: dict[str, Array] = {}
+    starts: dict[str, np.datetime64] = {}
     with path.open("rb") as opened, TdmsFile.open(opened) as file:
         channels = [channel for group in file.groups() for channel in group.channels()]
         check_size(max(map(len, channels), default=0), len(channels), 1, path.stat().st_size)
@@ -491,7 +497,17 @@ def read_tdms(path: Path) -> ForeignTable:
             if isinstance(step, float) and step > 0:
                 offset = float(channel.properties.get("wf_start_offset", 0.0))
                 clocks[name] = offset + step * np.arange(len(values))
-    return ForeignTable(columns, units, clocks=clocks)
+                start = channel.properties.get("wf_start_time")
+                if isinstance(start, np.datetime64) and start != NO_START_TIME:
+                    starts[name] = start
+    if not clocks or len(starts) < len(clocks):
+        return ForeignTable(columns, units, clocks=clocks)
+    first = min(starts.values())
+    shifts = {name: float((each - first) / np.timedelta64(1, "s")) for name, each in starts.items()}
+    clocks = {name: clock + shifts[name] for name, clock in clocks.items()}
+    apart = max(shifts.values())
+    note = f"the waveforms start up to {apart:.3g} s apart: times count from the first start"
+    return ForeignTable(columns, units, clocks=clocks, notes=(note,) if apart > 0 else ())
 
 
 def read_mdf(path: Path) -> ForeignTable:
