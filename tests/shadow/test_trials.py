@@ -156,7 +156,7 @@ def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
     ]  # fmt: skip
     text = identified.page(found, [*fresh, {"why": "too quiet"}], "shadow_identified.py")
     assert "3 simulated rigs of" in text
-    assert "1 logs were refused, 1 fits rejected by their residuals; 1 logs were not" in text
+    assert "1 log was refused, 1 fit was rejected by the residuals; 1 log was not" in text
     (key, unit), *_ = identified.TRUTHS.values()
     half = "1 of 2 (9 to 91 %)"
     assert f"| {key} | {unit} | 2 of 2 | {half} | {half} | 0.25 | 0.3 |" in text
@@ -216,7 +216,7 @@ def test_the_page_of_references_counts_every_log_that_is_told_to_differ():
     assert f"| {kinds[0]} | 2 of 3 (21 to 94 %) | 2 | 1 |" in text
     assert "| 1 | sine | rolling friction 1000.000 -> 2000.000 mm (+100 %) |" in text
     assert "3 simulated rigs of" in text
-    assert "1 logs were refused" in text
+    assert "1 log was refused" in text
 
 
 @pytest.mark.parametrize(("scale", "between"), [(3.0, 0.0), (1.0, 0.05), (2.0, 0.02)])
