@@ -104,6 +104,19 @@ def test_between_end_stops_a_rolling_ball_shows_friction_and_camber():
     assert "linear" not in note
 
 
+def test_friction_that_may_as_well_be_damping_is_not_identified_however_narrow(monkeypatch):
+    time, sampled, ball, command, _ = simulate_log(1, replace(TUBE, seconds=24.0))
+    log = AxisLog(time, command, True, sampled, ball)
+    look = look_first(log)
+    sure = replace(look, gain_std=1e-3, friction_std=1e-4)
+    monkeypatch.setattr(fallback, "look_at_rolling_in_several_ways", lambda *_: [sure])
+    log = replace(log, stops=find_end_stops(log, look))
+    found, _ = assess_plainly(log, "x", "rad", [verdict("gain_x", NOT_IDENTIFIABLE)])
+    words = {each.name: each.word for each in found}
+    assert words["gain_x"] == IDENTIFIED_VERDICT
+    assert words["friction_x"] == PLAIN_VERDICT
+
+
 @pytest.mark.long
 def test_the_gain_of_a_plain_model_holds_on_rigs_with_friction_camber_and_lever():
     """Rigs that nothing was chosen on; four of 24 outside have a chance of 3 % at 95 %."""

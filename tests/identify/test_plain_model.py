@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from docs.identify_errors import Rig, simulate_log
 from twin.identify.axis_logs import AxisLog, EndStops
 from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
 from twin.identify.least_squares import FitProblem, fit_starts
+from twin.identify.plain_model import fit_axis
 from twin.identify.windows import axis_windows
 
 NAMES = ("gain", "dead_time", "lag", "level", "friction", "play")
@@ -101,3 +105,24 @@ def test_a_ball_that_comes_back_from_beyond_a_wall_is_not_turned():
     first = int(np.ceil(0.05 / 0.1 / problem.step))
     assert found[first:, 1].min() == pytest.approx(-0.02, abs=2e-3)
     assert np.diff(found[first + 2 : first + 20, 1]) == pytest.approx(0.05 * problem.step)
+
+
+def test_windows_in_which_the_ball_rests_do_not_make_outliers_of_its_motion():
+    """Positions of a resting ball in steps of a pixel leave no residual at all."""
+    rig = Rig(seconds=14.0, rate=50.0, gain=6.0, dead_time=0.1, lag=0.0, level=0.1, pixel=1e-3)
+    time, sampled, ball, command, _ = simulate_log(1, rig)
+    moving = AxisLog(time, command, True, sampled, ball)
+    rest = sampled[-1] + np.arange(1, 1500) / rig.rate
+    holding = np.full_like(rest, -rig.level / rig.gain)
+    log = replace(
+        moving,
+        time=np.append(time, rest),
+        tilt=np.append(command, holding),
+        sampled=np.append(sampled, rest),
+        ball=np.append(ball, np.full_like(rest, ball[-1])),
+    )
+    names = ("gain", "dead_time", "level", "friction")
+    alone, found = (fit_axis(each, names, 2.5, (0.0, 0.5)) for each in (moving, log))
+    assert found.sigma == pytest.approx(alone.sigma, rel=0.2)
+    assert found.pushed <= 0.8  # where the motion is put to an end
+    assert found.value("gain") / found.problem.tilt.scale == pytest.approx(rig.gain, rel=0.03)

@@ -11,9 +11,16 @@ from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
 from twin.identify import any_rig, axis_prediction, predictor
 from twin.identify.any_rig import identify_axes
-from twin.identify.axis_logs import AnyLog, AxisLog
+from twin.identify.axis_logs import AnyLog, AxisLog, EndStops
 from twin.identify.axis_prediction import predict_axis, prediction_times
-from twin.identify.predictor import AxisPredictor, choose_lead, choose_predictor, fit_five_numbers
+from twin.identify.plain_model import fit_axis
+from twin.identify.predictor import (
+    FIVE_NUMBERS,
+    AxisPredictor,
+    choose_lead,
+    choose_predictor,
+    fit_five_numbers,
+)
 
 PLAIN = Rig(
     seconds=14.0, rate=50.0, gain=6.0, dead_time=0.1, lag=0.0, friction=0.03, viscous=0.3, level=0.1
@@ -115,13 +122,19 @@ def test_a_log_too_short_to_compare_fits_is_predicted_by_both(monkeypatch, plain
     assert "mean" in note
 
 
-def test_a_model_that_shows_no_gain_is_not_kept_for_its_predictions(monkeypatch, plain):
-    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: pytest.fail("compared"))
+@pytest.mark.parametrize(
+    ("by_full", "by_five", "predicts"), [(5e-3, 5e-3, "five"), (2e-3, 5e-3, "both")]
+)
+def test_a_model_whose_gain_may_be_zero_does_not_predict_alone(
+    monkeypatch, plain, by_full, by_five, predicts
+):
+    compared = [errors_of(by_full, 1), errors_of(by_five, 1)]
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: (compared, AT))
     monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
     given = SimpleNamespace(windowed=None, explained=False, log=None)
-    found, note = choose_predictor(given, known=False)
-    assert found.fits == (plain,)
-    assert "leaves the gain open" in note
+    found, note = choose_predictor(given, alone=False)
+    assert found.fits == {"five": (plain,), "both": (given, plain)}[predicts]
+    assert "may be zero" in note
 
 
 def test_a_model_that_explains_its_log_is_compared_as_well(monkeypatch, plain):
@@ -177,6 +190,36 @@ def test_another_lead_is_taken_beyond_one_standard_error_of_the_pairs(
     monkeypatch.setattr(predictor, "_find_errors", errors)
     assert plain.explained
     assert choose_lead(AxisPredictor((plain,))).lead_s == lead_s
+
+
+@pytest.mark.parametrize(
+    ("gained", "lead_s"),
+    [({0.4: 2.0, 1.2: 2.5}, 0.4), ({0.4: 1.2, 1.2: 2.5}, 1.2), ({0.25: 2.0, 0.4: 2.5}, 0.25)],
+)
+def test_of_leads_as_good_as_the_best_the_shortest_is_taken(monkeypatch, plain, gained, lead_s):
+    monkeypatch.setattr(predictor, "_find_errors", lambda each, *_: each.lead_s)
+    monkeypatch.setattr(predictor, "_compare", lambda _, lead, *__: gained.get(lead, 0.0))
+    assert choose_lead(AxisPredictor((plain,))).lead_s == lead_s
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "excludes"),
+    [(1.0, 2.0, True), (-2.0, -1.0, True), (-1.0, 2.0, False), (None, None, False)],
+)
+def test_a_gain_is_not_zero_if_its_interval_is_known_and_excludes_it(low, high, excludes):
+    verdict = SimpleNamespace(low=low, high=high)
+    assert any_rig._excludes_zero(verdict) is excludes
+
+
+def test_five_numbers_know_end_stops_though_no_window_is_without_a_touch():
+    begin = np.arange(0.0, 14.0, 0.25)
+    stops = EndStops(-0.3, 0.3, 0.5, np.array([begin, begin + 0.02]))
+    log = replace(axis_of(1, PLAIN), stops=stops)
+    with pytest.raises(LogError):
+        fit_axis(log, FIVE_NUMBERS, 0.7, (0.0, 0.5))
+    found = fit_five_numbers(log, (0.0, 0.5))
+    assert found.value("gain") / found.problem.tilt.scale == pytest.approx(PLAIN.gain, rel=0.03)
+    assert found.log.stops is stops
 
 
 def test_five_numbers_are_fitted_to_all_of_a_log(monkeypatch):

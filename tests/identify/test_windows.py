@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from twin.identify.windows import SAMPLE_BIN_S, Spans, samples_in_bins
+from twin.identify.least_squares import SampleWindows
+from twin.identify.windows import SAMPLE_BIN_S, Spans, find_moving, samples_in_bins
 
 
 def test_samples_lie_in_the_bins_that_their_times_say():
@@ -27,3 +28,11 @@ def test_no_window_holds_no_sample():
     none = np.zeros(0)
     found = samples_in_bins(np.arange(5.0), Spans(none, none, none > 0))
     assert [len(each) for each in found] == [0, 0, 0]
+
+
+def test_windows_in_which_the_ball_moves_are_found_by_the_samples_they_have():
+    ball = np.array([[0.0, 0.004, 0.9], [0.0, 0.006, 0.0], [0.01, -0.2, 0.01]])
+    weight = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
+    windows = SampleWindows(np.arange(3.0), ball, ball[..., None], weight[..., None])
+    assert find_moving(windows, 0.005).tolist() == [False, True, False]
+    assert find_moving(windows, 0.007).tolist() == [True, True, True]

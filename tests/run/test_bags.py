@@ -105,15 +105,15 @@ def test_a_log_has_the_stamps_of_the_camera_and_the_times_of_the_servo(tmp_path,
     assert "columns have times of their own, at 50 Hz, 100 Hz" in notes
 
 
-def test_a_message_that_is_no_cdr_is_left_out_with_its_reason(tmp_path):
+def test_a_message_of_another_encoding_is_left_out_with_its_reason(tmp_path):
     from mcap.writer import Writer as Plain
 
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Plain(file)
         writer.start()
-        schema = writer.register_schema("Ball", "jsonschema", b"{}")
-        channel = writer.register_channel("/ball", "json", schema)
-        writer.add_message(channel, 1, b'{"x": 1}', 1)
+        schema = writer.register_schema("Ball", "protobuf", b"{}")
+        channel = writer.register_channel("/ball", "protobuf", schema)
+        writer.add_message(channel, 1, b"\x08\x01", 1)
         writer.finish()
     with pytest.raises(LogError, match="without a column of numbers"):
         foreign_table(tmp_path / "a.mcap")
@@ -136,3 +136,23 @@ def test_the_folder_of_a_bag_stands_for_its_one_file(tmp_path):
         log_file(tmp_path)
     (tmp_path / "run.parquet").touch()  # exported next to its run
     assert log_file(tmp_path) == tmp_path / "run.parquet"
+
+
+def test_messages_in_json_are_columns_at_the_times_of_logging(tmp_path):
+    from mcap.writer import Writer as PlainWriter
+
+    path = tmp_path / "rig.mcap"
+    with path.open("wb") as file:
+        writer = PlainWriter(file)
+        writer.start()
+        channel = writer.register_channel("/rig", "json", 0)
+        for k, x in enumerate(X):
+            data = f'{{"ball": {{"x": {float(x)!r}}}, "u": [1, {k}], "mode": "on"}}'.encode()
+            logged = BEGIN + round(2e7 * k)
+            writer.add_message(channel, logged, b"broken" if k == 5 else data, logged)
+        writer.finish()
+    table = foreign_table(path)
+    assert set(table.columns) == {"/rig/ball.x", "/rig/u.0", "/rig/u.1"}
+    own = np.delete(np.arange(len(X)), 5)
+    np.testing.assert_array_equal(np.asarray(table.columns["/rig/ball.x"])[own], X[own])
+    np.testing.assert_allclose(table.clocks["/rig/u.1"], T, atol=1e-9)

@@ -408,9 +408,8 @@ def _fit_axes(
             continue
         notes += [f"{axis}: {each}" for each in about]
         verdicts = _assess_axis(fit, axis, units[axis], selection)
-        words = {each.name: each.word for each in verdicts}
-        known = words[f"gain_{axis}"] == IDENTIFIED_VERDICT
-        predictor, note = choose_predictor(fit, known=known, look=looks[axis])
+        (gain,) = (each for each in verdicts if each.name == f"gain_{axis}")
+        predictor, note = choose_predictor(fit, alone=_excludes_zero(gain), look=looks[axis])
         fits[axis] = choose_lead(predictor)
         notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
@@ -424,6 +423,11 @@ def _fit_axes(
         for axis, fit in fits.items()
     ]
     return fits, found, reasons, notes
+
+
+def _excludes_zero(found: ParameterVerdict) -> bool:
+    """Whether the interval of a parameter is known and does not hold zero."""
+    return found.low is not None and found.high is not None and found.low * found.high > 0
 
 
 def _predict_held_out(

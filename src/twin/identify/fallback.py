@@ -32,6 +32,8 @@ ROLLING_WHY = (
 """Reason of a verdict by windows between end stops."""
 NAMES = {"damping": "viscous"}
 """Parameters of the full model by terms of a look that have another name."""
+ALIKE = ("friction", "viscous")
+"""Parameters that a look takes for each other: it has one of them, however narrow its interval."""
 OPEN_WHY = "the full model leaves the gain open, and the model that shows it has none of this"
 """Reason of a verdict on a parameter that only the full model has."""
 
@@ -71,7 +73,7 @@ def assess_plainly(
         key = NAMES.get(name, name)
         about = plain_parameter(key, unit, held=log.held)
         value = getattr(first, name)
-        narrow = (high - low) / 2 <= about.allowed_half_width(value)
+        narrow = key not in ALIKE and (high - low) / 2 <= about.allowed_half_width(value)
         found[key] = ParameterVerdict(
             about=about,
             name=f"{key}_{axis}",

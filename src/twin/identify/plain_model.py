@@ -23,7 +23,7 @@ from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
 from twin.identify.least_squares import Estimate, Fit, fit_starts, fit_starts_from_scratch, minimise
 from twin.identify.profiles import Profile
-from twin.identify.windows import MIN_WINDOW_SHARE, SAMPLE_BIN_S, axis_windows, spans
+from twin.identify.windows import MIN_WINDOW_SHARE, SAMPLE_BIN_S, axis_windows, find_moving, spans
 
 WHITE_RATIO_STD = 1.7
 """Standard deviation of the ratio by which ``AxisFit.explained`` judges, for N white residuals in
@@ -40,8 +40,8 @@ class AxisFit(Fit[AxisProblem]):
 
     Attributes:
         log: The fitted samples, without those that something else disturbed.
-        sigma: The usual residual in m.
-        noise: The usual residual of the windows of the first fit, m.
+        sigma: The usual residual of windows in which the ball moves, m.
+        noise: That of the first fit, m.
         pushed: Seconds left out.
         windowed: The fit to windows of one level, where this one predicts better.
         briefer: The fits to shorter windows, if there are enough.
@@ -83,9 +83,12 @@ class AxisFit(Fit[AxisProblem]):
 
         The scatter of differences of successive residuals, over the square root of two, equals the
         scatter of the residuals if they are white, and is smaller if a motion is left in them. Both
-        are medians, so that a few disturbed windows do not count; of few residuals they scatter.
+        are medians over windows in which the ball moves, so that a few disturbed ones do not count;
+        of few residuals they scatter.
         """
-        rows = zip(self.found.linearisation.r[0], self.problem.windows.weight[..., 0], strict=True)
+        moving = find_moving(self.problem.windows, self.how.hold_out.min_motion_m)
+        line, weights = self.found.linearisation, self.problem.windows.weight[..., 0]
+        rows = zip(line.r[0, moving], weights[moving], strict=True)
         each = [row[: len(weight)][weight > 0] / weight[weight > 0] for row, weight in rows]
         size, change = (
             float(np.median([np.median(np.abs(part)) for part in parts if len(part)]))
@@ -177,7 +180,8 @@ def fit_axis(
         guess = np.vstack((guess, guess_from(look, problem)))
     brief = fit_from_guesses(log, problem, search.first_window_s, guess, 2e-3, how)
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
-    pushed = brief.problem.windows.begin[rms > search.disturbed_residual_ratio * np.median(rms)]
+    usual = float(np.median(rms[find_moving(brief.problem.windows, how.hold_out.min_motion_m)]))
+    pushed = brief.problem.windows.begin[rms > search.disturbed_residual_ratio * usual]
     log = log.without(pushed, search.first_window_s)
     frictions = search.friction_guesses_m_s2
     guess = np.array([[brief.value(name) for name in names]]).repeat(2 * len(frictions), axis=0)
@@ -236,6 +240,8 @@ def fit_from_guesses(
             "ball more often"
         )
     base = windows.weight
+    # a ball that rests leaves no residual, which would make every motion an outlier
+    moving = find_moving(windows, how.hold_out.min_motion_m)
     windows = replace(windows, weight=base / sigma)
     problem = replace(problem, windows=windows, longest=longest + SAMPLE_BIN_S)
     search = how.search
@@ -248,7 +254,7 @@ def fit_from_guesses(
         theta, starts = best.theta, best.starts
         off = np.abs(problem.simulate_samples(theta, starts)[0][0] - windows.ball) * base
         each = 1.4826 * np.nanmedian(np.where(base > 0, off, np.nan), axis=1)
-        sigma = max(float(np.median(each)), 1e-5)
+        sigma = max(float(np.median(each[moving])), 1e-5)
         good = off < search.outlier_ratio * np.maximum(each, sigma)[:, None]
         weight = np.where(good, base, 0.0) / sigma
         problem = replace(problem, windows=replace(windows, weight=weight))

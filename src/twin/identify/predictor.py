@@ -4,13 +4,15 @@ The five numbers are gain, dead time, level, viscous friction and Coulomb fricti
 errors of predictions. A full model in error may explain windows well and predict badly, and noise
 may hide such an error. So each half of the log is predicted by fits of the other. If one of the two
 fits is better by more than the standard error of their comparison, it predicts alone; else the mean
-of both does, which is seldom much worse than the better one. Five numbers also predict alone where
-the full model leaves the gain open, or cannot be fitted.
+of both does, which is seldom much worse than the better one. A full model whose gain may be zero
+predicts in the mean where it is clearly better, and else not at all. Five numbers also predict
+alone where it cannot be fitted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,7 +52,7 @@ class PredictorChoice:
         lead_interval_s: Time between the predictions by which these are compared.
         max_lead_predictions: Largest number of these.
         accepted_stds: A fit predicts alone, and another length is taken, if it is better by more
-            standard errors of the comparison.
+            standard errors of the comparison; by up to so many, a length is no worse than the best.
     """
 
     windows_s: tuple[float, ...] = (1.4, 0.7)
@@ -105,29 +107,29 @@ def choose_predictor(
     fit: AxisFit,
     how: PredictorChoice = PREDICTOR_CHOICE,
     *,
-    known: bool = True,
+    alone: bool = True,
     look: FirstLook | None = None,
 ) -> tuple[AxisPredictor, str]:
     """The fits that predict best, and a note if they are not the given one alone.
 
-    A fit that does not show the gain is not kept, whatever it predicts: its terms make up for each
-    other. One that explains its log is compared as well: noise may hide what it lacks.
+    A fit that explains its log is compared as well: noise may hide what it lacks. So is one that
+    leaves the gain open: its terms make up for each other, which predictions need not show.
 
     Args:
         fit: The full fit of an axis.
         how: Constants.
-        known: Whether its gain is identified.
+        alone: Whether it may predict alone: its gain is not zero.
         look: A first look at its log, which is a guess of the five numbers as well.
     """
     full = AxisPredictor((fit,))
     try:
-        plain = _reduce(fit, fit.log, look, how)
+        plain = _reduce(fit, look, how)
     except LogError:
         return full, ""
-    if known:
-        fits, why = _choose_fits(fit, plain, how)
-    else:
-        fits, why = (plain,), "the full model leaves the gain open"
+    fits, why = _choose_fits(fit, plain, how)
+    if not alone:
+        fits = (fit, plain) if fits[-1] is fit else (plain,)
+        why = f"the gain of the full model may be zero; {why}"
     if fits[-1] is fit:
         return full, ""
     whose = "the mean of the full model and" if len(fits) > 1 else "those of"
@@ -150,20 +152,21 @@ def _choose_fits(
     except LogError:  # a half has too few windows
         return (full, plain), "the log is too short to compare them"
     gained = _compare(by_full, by_plain, at, how)
-    if gained < -how.accepted_stds:
-        return (full,), ""
     first, second = (1000 * absolute_quantile(each, 0.5) for each in (by_full, by_plain))
     why = f"by five numbers one half of the log predicts the other to {second:.1f} mm, by the full "
     why += f"model to {first:.1f} mm"
-    return ((plain,) if gained > how.accepted_stds else (full, plain)), why
+    if abs(gained) <= how.accepted_stds:
+        return (full, plain), why
+    return ((plain,) if gained > 0 else (full,)), why
 
 
 def choose_lead(predictor: AxisPredictor, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisPredictor:
     """The predictor with the length of samples from which its predictions of its log start best.
 
     A long one where the model explains the log, so that noise is all that is wrong; a brief one
-    where it does not, as what the model lacks moves the ball in that time, too. Another length is
-    taken if it is clearly better.
+    where it does not, as what the model lacks moves the ball in that time, too. Others are taken if
+    one is clearly better: the shortest that is not clearly worse than the best, for what the model
+    lacks may be more in another log (the rule of one standard error of Breiman et al. 1984).
 
     Args:
         predictor: Of an axis.
@@ -183,8 +186,10 @@ def choose_lead(predictor: AxisPredictor, how: PredictorChoice = PREDICTOR_CHOIC
         return ways[usual]
     errors = {lead: _find_errors(each, fit.log, at, how) for lead, each in ways.items()}
     gained = {lead: _compare(errors[usual], each, at, how) for lead, each in errors.items()}
-    best = max(gained, key=lambda lead: gained[lead])
-    return ways[best if gained[best] > how.accepted_stds else usual]
+    best = max(gained.values())
+    if best <= how.accepted_stds:
+        return ways[usual]
+    return ways[min(lead for lead, each in gained.items() if each >= best - how.accepted_stds)]
 
 
 def _find_errors(predictor: AxisPredictor, log: AxisLog, at: Array, how: PredictorChoice) -> Array:
@@ -218,7 +223,7 @@ def fit_five_numbers(
     fitting: AxisFitting = AXIS_FITTING,
     how: PredictorChoice = PREDICTOR_CHOICE,
 ) -> AxisFit:
-    """The plain model of an axis from no first guess, or a first look, end stops not regarded.
+    """The plain model of an axis from no first guess, or a first look.
 
     Args:
         log: The axis.
@@ -230,7 +235,6 @@ def fit_five_numbers(
     Raises:
         LogError: If there are too few windows.
     """
-    log = replace(log, stops=None)
     nothing = axis_windows(log, np.zeros(0), np.zeros(0))
     problem = AxisProblem(nothing, FIVE_NUMBERS, TiltHistory(log), how.windows_s[0], delays)
     guess = problem.first_guesses(dead_time=fitting.search.delay_guesses_s)
@@ -254,15 +258,19 @@ def describe_five_numbers(fit: AxisFit) -> str:
     )
 
 
-def _reduce(fit: AxisFit, log: AxisLog, look: FirstLook | None, how: PredictorChoice) -> AxisFit:
-    """The plain model of a part of the log of a full fit, begun from that and a first look."""
+def _reduce(fit: AxisFit, look: FirstLook | None, how: PredictorChoice) -> AxisFit:
+    """The plain model of the log of a full fit, begun from that and a first look.
+
+    Raises:
+        LogError: If there are too few windows.
+    """
     value = {name: fit.value(name) for name in FIVE_NUMBERS}
     value["dead_time"] += fit.value("lag")
     problem = replace(fit.problem, names=FIVE_NUMBERS, drift=0.0)
     guess = problem.first_guesses(**{name: [each] for name, each in value.items()})
     if look:
         guess = np.vstack((guess, guess_from(look, problem)))
-    return _fit(log, problem, guess, look, fit.sigma, fit.noise, fit.how, how)
+    return _fit(fit.log, problem, guess, look, fit.sigma, fit.noise, fit.how, how)
 
 
 def _fit(
@@ -275,15 +283,18 @@ def _fit(
     fitting: AxisFitting,
     how: PredictorChoice,
 ) -> AxisFit:
-    """The plain model by windows from C guesses, shape (C, P), and then by predictions."""
-    for window_s in how.windows_s:
-        try:
-            found = fit_from_guesses(log, problem, window_s, guess, sigma, fitting)
+    """The plain model by windows from C guesses, shape (C, P), and then by predictions.
+
+    Where too few windows touch no end stop, the first guess of predictions is that of all windows.
+    """
+    tries = [(each, w) for each in (log, replace(log, stops=None)) for w in how.windows_s]
+    for each, window_s in tries[:-1]:
+        with suppress(LogError):
+            found = fit_from_guesses(each, problem, window_s, guess, sigma, fitting)
             break
-        except LogError:
-            if window_s == how.windows_s[-1]:
-                raise
-    found = replace(found, noise=noise or found.sigma)
+    else:
+        found = fit_from_guesses(tries[-1][0], problem, tries[-1][1], guess, sigma, fitting)
+    found = replace(found, noise=noise or found.sigma, log=log)
     if len(prediction_times(log, fitting, fitting.hold_out.lead_s)) < 3:
         return found
     theta = fit_to_predictions(_predict_near(found, how), look)

@@ -477,6 +477,17 @@ def axis_windows(log: AxisLog, begin: Array, end: Array) -> SampleWindows:
     return SampleWindows(begin, time, ball[..., None], np.sqrt(count)[..., None])
 
 
+def find_moving(windows: SampleWindows, min_motion_m: float) -> Mask:
+    """Windows in which the ball moves along x by more than some metres, shape (W,).
+
+    All windows if it does so in none.
+    """
+    there, ball = windows.weight[..., 0] > 0, windows.ball[..., 0]
+    highest = np.max(ball, axis=1, where=there, initial=-np.inf)
+    moves = highest - np.min(ball, axis=1, where=there, initial=np.inf) > min_motion_m
+    return moves if moves.any() else np.ones_like(moves)
+
+
 def _usual_step(log: AxisLog) -> float:
     return float(np.median(np.diff(log.sampled))) if len(log.sampled) > 1 else MAX_COMMAND_GAP_S
 

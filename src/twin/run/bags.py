@@ -1,4 +1,4 @@
-"""Readers of messages of ROS 2: MCAP files, and bags in SQLite (.db3).
+"""Readers of messages of ROS 2, or in JSON: MCAP files, and bags in SQLite (.db3).
 
 Any numeric field of a message is a column ``TOPIC/FIELD``, as ``/ball/pose.position.x``, an entry
 of an array ``FIELD.0``, ``FIELD.1``, ...
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -42,7 +42,7 @@ class _Raw(NamedTuple):
     Attributes:
         topic: Its topic.
         schema: Its type's name and definition.
-        encoding: Of its data, ``cdr`` is read.
+        encoding: Of its data; ``cdr`` and ``json`` are read.
         data: Its bytes.
         logged: When it was logged, ns.
     """
@@ -127,10 +127,11 @@ def _of_messages(messages: Iterable[_Raw]) -> ForeignTable:
     for count, each in enumerate(messages):
         if count >= MOST_ROWS:
             raise OSError(f"more than {MOST_ROWS} messages")
-        decode = factory.decoder_for(each.encoding, each.schema)
+        decode = _decode_json if each.encoding == "json" else None
+        decode = decode or factory.decoder_for(each.encoding, each.schema)
         if decode is None:
             what = each.schema.encoding if each.schema else "no definition of its messages"
-            skipped[each.topic] = f"{each.encoding} with {what}; CDR with ros2msg is read"
+            skipped[each.topic] = f"{each.encoding} with {what}; JSON and CDR with ros2msg are read"
             continue
         if len(each.data) > MAX_MESSAGE_BYTES:
             skipped[each.topic] = f"messages of {len(each.data) // 1000} kB"
@@ -149,10 +150,20 @@ def _of_messages(messages: Iterable[_Raw]) -> ForeignTable:
     return _table(times, fields, skipped)
 
 
+def _decode_json(data: bytes) -> Any:
+    """The content of a message in JSON; None where it is none."""
+    with suppress(ValueError):
+        return json.loads(data)
+    return None
+
+
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
     """The numbers of a message, or of a part of it, by their dotted names."""
     if isinstance(value, int | float):
         yield name, float(value)
+    elif isinstance(value, dict):
+        for part, inner in value.items():
+            yield from _numbers(f"{name}.{part}" if name else part, inner)
     elif parts := getattr(value, "__slots__", ()):  # as mcap-ros2-support has the fields
         for part in filter(lambda part: part != "header", parts):
             yield from _numbers(f"{name}.{part}" if name else part, getattr(value, part))
