@@ -32,9 +32,13 @@ MOUSE = (
 )
 
 
-# How fast a busy machine answers is no property of the code.
-settings.register_profile("twin", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("twin")
+def pytest_configure(config):
+    """Short tests try a property with fewer examples than the long ones try the same."""
+    # how fast a busy machine answers is no property of the code
+    patient = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    short = settings(patient, max_examples=25)
+    settings.register_profile("twin", patient if config.option.markexpr == "long" else short)
+    settings.load_profile("twin")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -83,6 +83,7 @@ class Busy(Law):
 """
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("unlocked")
 def test_a_law_that_computes_for_longer_than_a_period_never_meets_a_rig(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -197,6 +198,7 @@ def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
     assert [bytes(each.data) for each in read_trace(file).frames] == [bytes(8)]
 
 
+@pytest.mark.short("older1")
 @pytest.mark.parametrize("older", [[], ["trace.log"]])
 def test_a_bus_that_was_never_opened_leaves_no_trace_and_an_older_one_is_not_its(tmp_path, older):
     for name in older:
@@ -209,6 +211,7 @@ def test_a_bus_that_was_never_opened_leaves_no_trace_and_an_older_one_is_not_its
     assert [each.name for each in tmp_path.iterdir()] == older
 
 
+@pytest.mark.short("True")
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails):
     folder = tmp_path / "run"

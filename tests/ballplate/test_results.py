@@ -179,6 +179,7 @@ def test_what_there_is_to_run_and_to_set():
     assert str(ballplate.describe("lqr")).startswith("State feedback that minimises")
 
 
+@pytest.mark.long
 def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_path):
     done.save(tmp_path / "run")
     for place in ("a", "b"):

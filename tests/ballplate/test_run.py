@@ -163,6 +163,7 @@ def test_the_advice_on_an_unstable_loop_names_the_rig(settings, on):
     assert f"`ballplate tune afl{on}` searches other gains" in said
 
 
+@pytest.mark.short("settings[1-9]-*")
 @pytest.mark.parametrize(
     ("settings", "line"),
     [

@@ -95,6 +95,7 @@ def test_poles_and_margins_of_designs_of_the_thesis(design):
         assert found.crossover == pytest.approx(crossover, rel=1e-3)
 
 
+@pytest.mark.short("lqr")
 @pytest.mark.parametrize("kind", ["lqr", "pole_placement"])
 def test_a_step_response_is_the_run_of_the_step(kind):
     """A step of a millimetre, so small that sines are their angles."""

@@ -212,6 +212,7 @@ COMMANDS = {
 """A command, and what it writes of the law that does not go wrong."""
 
 
+@pytest.mark.short("*-run", "*-explain", "*-compare")
 @pytest.mark.parametrize(
     ("text", "command"),
     [*((text, "run") for text in WRONG), *((next(iter(WRONG)), each) for each in COMMANDS)][1:],

@@ -162,6 +162,7 @@ class Later(Reference):
         return CALM(t) + STEP(np.asarray(t) - 1.0)
 
 
+@pytest.mark.short("step", "transition")
 @pytest.mark.parametrize(
     "both",
     [
@@ -231,6 +232,7 @@ def test_a_corner_without_acceleration_is_seen():
     assert feasible.within(corner[:, :50])
 
 
+@pytest.mark.long
 def test_the_cure_keeps_a_ball_whose_reference_is_under_way_at_the_start():
     fast = ['reference={kind="sine",amplitude=[0.15,0.0],omega=5.0}', "duration=1.2"]
     with pytest.warns(bp.BallplateWarning, match="up to 1[0-9][0-9] mm away"):

@@ -188,6 +188,7 @@ def with_signs(hardware, phi, theta):
     return hardware
 
 
+@pytest.mark.short("*-0.004")
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.004])
 @pytest.mark.parametrize("signs", [(-1, 1), (1, -1), (-1, -1)])
 def test_an_encoder_that_counts_the_wrong_way_stops_own_hardware_within_its_limit(
@@ -247,6 +248,7 @@ def test_a_scale_is_found_behind_delay_and_lag(gain, delay, lag):
     assert SCALE_TEST.gain(0.1 * commanded[-300:], measured[-300:], period) is None
 
 
+@pytest.mark.short("0.004-0.0")
 @pytest.mark.parametrize(("lag", "late"), [(0.004, 0.0), (0.08, 0.0), (0.04, 0.1)])
 def test_a_plate_that_is_late_does_not_count_as_turning_the_other_way(lag, late, scenario):
     hardware = VirtualBoard(lag=lag, late=late)

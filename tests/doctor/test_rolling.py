@@ -48,6 +48,7 @@ def rolled(hardware, patience=0.0, *settings):
     return found, rig
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "given",
     [

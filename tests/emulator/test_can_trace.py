@@ -299,6 +299,7 @@ def test_emulated_drives_answer_a_trace_of_their_own_the_same(wired, said):
     assert f"{len(frames) - len(own)} frames of drives compared" in " ".join(out.split())
 
 
+@pytest.mark.short("changed-1537-40-*", "without-641-150-*")
 @pytest.mark.parametrize(
     ("changed", "cob_id", "at", "words"),
     [

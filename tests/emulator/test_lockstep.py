@@ -56,6 +56,7 @@ def test_the_emulated_screen_sees_what_the_scenarios_sees_and_as_often():
     assert looked.count(0) == pytest.approx(2 / FRAME_INTERVAL_S, abs=2)
 
 
+@pytest.mark.short("hid-timed")
 @pytest.mark.parametrize("protocol", [Protocol.HID_0006, Protocol.HID_TIMED])
 def test_a_screen_on_usb_is_no_flooded_line(protocol, scenario):
     rig = LockstepRig(scenario("plant.kind=lagrange"), protocol=protocol)

@@ -103,6 +103,7 @@ def run(path, **settings):
     return bp.run("circle", changed("fmu", controller__file=str(path), **settings))
 
 
+@pytest.mark.short("3")
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_it_does_what_the_same_feedback_does_in_python(tmp_path, fmi):
     path = written(tmp_path, fmi=fmi)

@@ -134,6 +134,7 @@ def test_the_description_says_between_which_numbers_a_variable_may_be(fmu):
     assert known["noise"].start == "true"
 
 
+@pytest.mark.short("3")
 def test_the_sources_that_are_listed_make_the_binary(fmu, tmp_path):
     unzipped = Path(fmpy.extract(str(fmu), str(tmp_path)))
     lists = (unzipped / "modelDescription.xml", unzipped / "sources" / "buildDescription.xml")

@@ -79,6 +79,7 @@ def test_the_plain_model_gives_its_numbers_with_intervals(log):
     assert "friction from damping" in note
 
 
+@pytest.mark.long
 def test_between_end_stops_a_rolling_ball_shows_friction_and_camber():
     time, sampled, ball, command, _ = simulate_log(1, TUBE)
     log = AxisLog(time, command, True, sampled, ball)
@@ -120,6 +121,7 @@ def test_the_gain_of_a_plain_model_holds_on_rigs_with_friction_camber_and_lever(
     assert held >= 21
 
 
+@pytest.mark.long
 def test_a_lever_is_part_of_what_the_plain_model_leaves_open(axis_log):
     """By a quick controller; half as much again of the motion is by the plate's acceleration."""
     for lever in (-0.08, 0.155):
@@ -193,6 +195,7 @@ def test_the_gain_of_a_rolling_ball_holds_on_tubes():
     assert held == told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [821, 822])
 def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
     """At rest friction balances the tilt, so that all windows together give a small gain."""
@@ -209,6 +212,7 @@ def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
     assert gain.low < rig.gain < gain.high
 
 
+@pytest.mark.long
 def test_the_interval_holds_what_windows_without_a_ball_at_rest_give(log, monkeypatch):
     far = replace(look_plainly(log, 0.9), gain=14.0, gain_std=0.5)
     monkeypatch.setattr(fallback, "look_at_moving", lambda _: [far])

@@ -198,6 +198,7 @@ def test_a_parameter_that_acts_is_significant_and_one_that_does_not_is_not(axis_
     assert find_significance(cambered, "camber") > 10
 
 
+@pytest.mark.long
 def test_intervals_include_what_a_term_that_is_left_out_would_change(axis_log):
     """The next step of a fit by one term more is what a fit with that term finds."""
     bent = axis_log(3, seconds=25, rate=60.0, pixel=0.0, camber=0.1, **TRUTH)

@@ -390,6 +390,7 @@ def test_a_ball_that_creeps_does_not_rest(creep, count):
         assert 3.8 < last < 4.1
 
 
+@pytest.mark.long
 def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_say():
     rng, truth, covered = np.random.default_rng(5), np.array([1.0, -2.0]), 0
     for _ in range(200):

@@ -40,6 +40,7 @@ def test_five_numbers_are_those_of_a_rig_that_has_no_more(plain):
     assert plain.value("viscous") == pytest.approx(PLAIN.viscous, abs=0.06)
 
 
+@pytest.mark.long
 def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
     fitted, unseen = axis_of(1, PLAIN), axis_of(2, PLAIN)
     rival = fit_five_numbers_by_scipy(fitted.time, fitted.tilt, fitted.sampled, fitted.ball)
@@ -227,6 +228,7 @@ def test_each_half_is_predicted_by_a_fit_of_the_other(plain):
     assert np.nanmedian(np.abs(errors)) < 2e-3
 
 
+@pytest.mark.long
 def test_a_log_without_a_full_fit_is_predicted_by_five_numbers(monkeypatch):
     def refuse(*_):
         raise LogError("2 stretches")

@@ -394,6 +394,7 @@ def f():
         assert process.last_printed() == ["mine"]
 
 
+@pytest.mark.short("open(f'{n}.txt'*")
 @pytest.mark.parametrize(
     ("line", "said"),
     [

@@ -459,6 +459,7 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     assert lines[1] == "ann,6.0,7.0,4.0,2.0,0.0,"
 
 
+@pytest.mark.long
 def test_points_and_texts_change_without_a_simulation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

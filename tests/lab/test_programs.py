@@ -59,6 +59,7 @@ def feedback(time: float, numbers: np.ndarray) -> Feedback:
     return Feedback(time, x, equivalent, none, rate, requested, PATH, none)
 
 
+@pytest.mark.short("script")
 @pytest.mark.parametrize("example", [compiled, script])
 def test_the_examples_give_what_the_same_law_gives_in_numpy(tmp_path, example) -> None:
     about = example(tmp_path)
@@ -126,6 +127,12 @@ def test_an_observer_may_be_a_program(tmp_path) -> None:
         assert observer.equivalent.tolist() == [[2.5] * 8, [12.5] * 8]
 
 
+@pytest.mark.short(
+    "    if what: sys.exit()-*",
+    "    if what: say(0, 0)-*",
+    "    if what: say(float('nan')*",
+    "    if what: print('hello')*",
+)
 @pytest.mark.parametrize(
     ("lines", "said"),
     [

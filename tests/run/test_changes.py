@@ -188,6 +188,7 @@ EVERY = {
 QUICK = {("mujoco", "plant.level_deg")}
 
 
+@pytest.mark.short("*camber0")
 @pytest.mark.parametrize("camber", [(), ("plant.camber=[0.3,-0.2]",)])
 @pytest.mark.parametrize(
     ("plant", "key"),

@@ -114,6 +114,7 @@ def test_a_plate_of_another_shape_is_not_stretched(size):
     assert (left + right) / 2 == pytest.approx(16 + 249 + 0.1 * per_metre, abs=1.5)
 
 
+@pytest.mark.long
 def test_a_round_plate_is_a_circle_and_a_fallen_ball_lies_at_its_rim():
     rig = {"size": (0.3, 0.3), "shape": "round", "ball": {"radius": 0.005, "inertia": 1e-7}}
     rolls = told([(0.10, 0.10), (0.12, 0.12)], rig=rig, outcome="fell")
@@ -158,6 +159,7 @@ def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far
     assert (last - first) * sign > 0
 
 
+@pytest.mark.long
 def test_balls_in_one_place_are_all_seen_in_their_colours():
     picture = frames(*[told([(0.1, 0.05)] * 9)] * 6, seconds=0.05)[0]
     for colour in RUN_COLOURS[1:6]:
@@ -204,6 +206,7 @@ def circle():
     return run(load("circle", CIRCLE))
 
 
+@pytest.mark.short(".gif")
 @pytest.mark.parametrize("ending", FILM_SUFFIXES)
 def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
     circle, tmp_path, ending
@@ -273,6 +276,7 @@ def test_the_mechanism_in_3d_shows_ball_and_tilt_or_says_what_it_needs(circle):
     assert orange((np.nan, np.nan), level) is None
 
 
+@pytest.mark.long
 def test_in_3d_cranks_stand_where_their_rods_have_their_lengths():
     keys = ("parameters=course", "duration=0.1", "metrics.start=0")
     try:
@@ -318,6 +322,7 @@ def test_more_runs_than_colours_are_refused(circle):
         Film({str(i): circle for i in range(7)}, Cut())
 
 
+@pytest.mark.long
 def test_a_run_is_shown_beside_a_run(circle, tmp_path, ballplate):
     record_run(circle, tmp_path / "runs" / "circle")
     code, out, _ = ballplate(

@@ -93,6 +93,7 @@ def test_the_legend_has_the_runs_that_can_be_told_apart():
     assert words(figure)[LOOK_COUNT].startswith("reference")
 
 
+@pytest.mark.short("cost $5, $6_2", "__")
 @pytest.mark.parametrize("name", ["$\\foo$", "\\frac{", "cost $5, $6_2", "_a", "__", "a$", "x_1^{"])
 def test_a_run_s_name_stands_in_the_legend_as_it_was_typed(name):
     figure = picture({name: motion(), "b": motion(0.05)}, name, PLATE)
@@ -100,6 +101,7 @@ def test_a_run_s_name_stands_in_the_legend_as_it_was_typed(name):
     figure.draw_without_rendering()  # its text is laid out, a formula would be refused
 
 
+@pytest.mark.long
 def test_characters_that_no_font_has_are_boxes_and_one_warning():
     pictures._warn_of_glyphs.cache_clear()
     runs = {"\u7403 \xe9\u03bb": motion(), "b": motion(0.05)}
@@ -132,6 +134,7 @@ def parts(figure):
     ]
 
 
+@pytest.mark.short("many")
 @pytest.mark.parametrize(
     ("runs", "title"),
     [
@@ -270,6 +273,7 @@ def saved(figure, kind):
     return content.getvalue()
 
 
+@pytest.mark.long
 def test_text_of_a_saved_figure_is_text_in_fonts_that_journals_accept():
     for figure in (
         pictures.panel({"one": motion()}, "error", PLATE, 88),

@@ -84,6 +84,7 @@ def take_in(screen, rows, A, b, until):
     screen.learn(rows, expected + covariance @ (b - A @ expected), covariance, until)
 
 
+@pytest.mark.long
 def test_ways_one_by_one_say_of_the_map_what_they_say_at_once(uneven):
     screen = FrictionMap(uneven[1])
     information = np.linalg.inv(screen.covariance + 1e-10 * np.eye(len(screen.mean)))

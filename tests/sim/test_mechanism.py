@@ -423,6 +423,7 @@ def ringing(true_rate):
     return max(last[-round(1 / PERIOD) :])
 
 
+@pytest.mark.long
 def test_feedback_of_the_true_plate_rate_excites_the_resonance_and_of_the_commanded_does_not():
     assert ringing(true_rate=True) > 0.1
     assert ringing(true_rate=False) < 0.02

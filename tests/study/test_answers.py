@@ -81,6 +81,7 @@ def seeded(monkeypatch, about: Study, seed: int) -> np.ndarray:
     return quantiles(about)
 
 
+@pytest.mark.long
 def test_the_95_percent_intervals_of_sobol_indices_hold_the_truth_in_95_percent(monkeypatch):
     v1, v2, v13 = ISHIGAMI_VARIANCES
     truth = np.array([v1 + v13, v2, v13]) / (v1 + v2 + v13)
@@ -171,6 +172,7 @@ def test_a_study_whose_runs_are_all_alike_has_no_indices_and_says_why(tmp_path) 
     assert found.notes == ("no indices, because the runs of a design do not differ",)
 
 
+@pytest.mark.long
 def test_the_chance_to_fail_counts_points_that_were_drawn_and_not_their_mixtures(tmp_path):
     # who fails by one parameter alone fails at almost every mixture of a point, too
     about = study("sobol", 64)

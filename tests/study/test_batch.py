@@ -41,6 +41,7 @@ def scenarios(kind: str, count: int, duration: float, *more: str) -> list[Scenar
     return found
 
 
+@pytest.mark.short("mujoco")
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
     all_of_them = scenarios(kind, 10, 0.24)
@@ -79,6 +80,7 @@ def test_a_law_that_asks_for_nonsense_is_stopped_and_spoils_no_neighbour(take_in
     assert (found[1]["outcome"], found[1]["rms_error"]) == ("aborted", None)
 
 
+@pytest.mark.long
 def test_a_foreign_law_that_multiplies_all_rows_at_once_has_the_same_bits_in_any_batch(
     take_in,
 ) -> None:

@@ -89,12 +89,14 @@ def test_the_values_of_a_rig_are_those_of_its_description():
     np.testing.assert_array_equal(first_values(of, 0.3), expected)
 
 
+@pytest.mark.long
 def test_a_rig_of_one_axis_has_no_indicator_of_a_second():
     short = ("parameters=tube", "baseline=false", "metrics.start=0")
     tube = [load("line", [*short, f"duration={t}"]) for t in (0.5, 1.0)]
     assert_same(*rows_of([at_study_step(each) for each in tube]), rtol=1e-6)
 
 
+@pytest.mark.long
 def test_a_ball_that_falls_in_the_last_period_has_fallen():
     last = [scenario(*FALLING, seconds=0.002 * ticks) for ticks in range(2, 30)]
     runs = ScenarioRuns(last)
@@ -271,6 +273,7 @@ def test_a_missing_compiler_is_one_line(monkeypatch):
         library_of(scenario())
 
 
+@pytest.mark.long
 def test_a_study_in_c_keeps_its_runs_apart_from_those_of_python(tmp_path):
     study = {
         "title": "t",

@@ -93,6 +93,7 @@ def test_the_search_is_better_than_as_many_random_candidates(free):
     assert cost(a, b, c == "off") < np.median([random_best() for _ in range(200)])
 
 
+@pytest.mark.long
 def test_the_same_search_again_tries_the_same_candidates(free):
     _, candidates = free
     again = search_all(Formula(limits={"effort": 1000.0}))

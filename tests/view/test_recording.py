@@ -122,6 +122,7 @@ def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(drawn
     assert f"{root}/mechanism/base/post" in text
 
 
+@pytest.mark.short("lagrange")
 @pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
 def test_a_plate_on_rods_is_drawn_with_them(drawn, kind):
     text, *_ = drawn("parameters=course", f"plant.kind={kind}")
@@ -130,6 +131,7 @@ def test_a_plate_on_rods_is_drawn_with_them(drawn, kind):
     assert not re.search(r"/mechanism/\S*(spring|wheel|cam_)", text)
 
 
+@pytest.mark.short("rig1-*")
 @pytest.mark.parametrize(
     ("rig", "thick"),
     [

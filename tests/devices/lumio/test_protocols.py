@@ -119,6 +119,7 @@ def test_a_detector_takes_no_protocol_that_leaves_most_bytes_unexplained(data):
         assert decoder.size * decoder.stats.reports >= 0.8 * len(data)
 
 
+@pytest.mark.short("auto-*", "elo-elo", "microtouch-microtouch")
 @pytest.mark.parametrize("spoken", PROTOCOLS)
 @pytest.mark.parametrize("set_to", ["auto", "hid-0006", *PROTOCOLS])
 @settings(max_examples=25)
