@@ -13,6 +13,7 @@ from markupsafe import Markup
 from controllers import catalog
 from controllers.catalog import forget
 from twin.base.data_file import read_packaged
+from twin.devices import kinds
 from twin.scenario.load import check, put, setting
 
 TABLES = {
@@ -85,7 +86,9 @@ def kept_frozen():
 def installed_once():
     """What is installed stays so; to look for it is most of what the catalog takes to be made."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalog, "entry_points", cache(catalog.entry_points))
+        found = cache(catalog.entry_points)
+        for each in (catalog, kinds):
+            patch.setattr(each, "entry_points", found)
         yield
 
 

@@ -177,6 +177,7 @@ def test_the_trace_of_a_killed_run_has_its_last_frame(tmp_path):
     assert [int.from_bytes(each.data, "little") for each in found.frames] == list(range(30_000))
 
 
+@pytest.mark.long
 def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
     file, told = tmp_path / "trace.log", Heard()
     said = can.Message(timestamp=1.0, arbitration_id=0x601, is_extended_id=False, data=bytes(8))

@@ -49,6 +49,7 @@ class Tags(HTMLParser):
         self.cells += [data] if data.strip() else []
 
 
+@pytest.mark.long
 def test_the_columns_and_units_are_those_of_the_record(done, tmp_path):
     columns, units, _ = read_run(done.save(tmp_path) / "run.parquet")
     assert list(done) == list(columns)
@@ -90,6 +91,7 @@ def test_an_exported_run_is_loaded_as_a_log_in_si_units(done, tmp_path):
     assert log.units["applied_phi_rate"] == "rad/s"
 
 
+@pytest.mark.long
 def test_a_result_shows_its_title_indicators_and_picture(done):
     shown = Tags(done._repr_html_())
     assert shown.cells[0] == done.title

@@ -126,6 +126,7 @@ def test_rigs_side_by_side_have_a_program_each(tmp_path):
         simulate(mixed)
 
 
+@pytest.mark.long
 @COMPILED
 def test_a_difference_is_stated_up_to_where_the_supervisor_levels_the_plate():
     rolling = {"plant__start__x": 0.15, "plant__start__x_rate": 1.0, "board__real": "double"}

@@ -214,6 +214,7 @@ def test_a_position_of_an_impossible_age_counts_as_not_touched(library, age):
     assert (rates == untouched).all()
 
 
+@pytest.mark.long
 def test_a_run_that_the_c_code_drives_is_that_of_the_python_controller(tmp_path):
     chosen = scenario(controller__kind="afl", observer__kind="luenberger", duration=2.0, **SCREEN)
     folder = export(tmp_path / "plate.c", chosen)

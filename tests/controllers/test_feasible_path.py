@@ -81,6 +81,7 @@ FAST = {
 }
 
 
+@pytest.mark.short("*-place0")
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.1, -0.07)])
 @pytest.mark.parametrize("path", FAST.values(), ids=FAST)
 def test_a_path_that_is_under_way_at_the_start_is_joined_from_rest(path, place):

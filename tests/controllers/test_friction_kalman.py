@@ -353,6 +353,7 @@ def test_friction_and_its_spread_are_those_of_the_place(learnt):
     assert found["friction_spread"].mean() < 0.4 * observer.map_spread
 
 
+@pytest.mark.long
 def test_without_unevenness_it_is_the_filter_with_one_friction():
     plain, mapped = FrictionKalman(), FrictionMapKalman(map_spread=1e-9, **COARSE)
     world = World(FrictionMapKalman(**COARSE), rigs=2)

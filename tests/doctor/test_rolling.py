@@ -140,6 +140,7 @@ def test_a_ball_that_is_not_seen_is_said_so():
     assert found["ball"].status is CheckStatus.FAIL
 
 
+@pytest.mark.long
 def test_a_ball_that_is_put_into_the_middle_in_time_is_waited_for():
     hardware = Wired()
     hardware.board.ball = [0.06, 0.0]

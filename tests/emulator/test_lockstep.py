@@ -215,6 +215,7 @@ def test_a_computer_that_misses_periods_costs_the_cure_hardly_anything():
     assert abs(wire - run(chosen).metrics["tracking_error_percent"]) < 0.3
 
 
+@pytest.mark.long
 def test_the_noise_of_a_screen_is_drawn_anew_for_every_frame(scenario):
     plant = LockstepRig(scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")).plant
     found = []

@@ -168,6 +168,7 @@ def test_what_fails_is_one_line_and_ends_the_run(tmp_path, bad, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_files_that_are_no_controller_are_named(tmp_path):
     with pytest.raises(ScenarioError, match=r"there is no 'none\.fmu'"):
         run("none.fmu")

@@ -303,6 +303,7 @@ def test_equal_scenarios_make_equal_files(tmp_path):
     assert (tmp_path / "b/rig.fmu").read_bytes() != a
 
 
+@pytest.mark.long
 def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypatch):
     monkeypatch.setattr("twin.base.programs.shutil.which", lambda _: None)
     with pytest.warns(bp.BallplateWarning, match=r"source only.*no C compiler"):

@@ -88,6 +88,7 @@ def test_a_measurement_has_the_shapes_the_interface_promises(rig):
         assert rig.fallen.tolist() == rig.diverged.tolist() == [False] * count(rig)
 
 
+@pytest.mark.short("mujoco*", "own hardware*", "lagrange")
 def test_nothing_moves_before_the_start(rig):
     with rig:
         applied = rig.write(both(rig, 0.01))
@@ -115,6 +116,7 @@ def test_the_applied_rates_are_what_is_returned_after_every_clamp(rig):
     assert applied == pytest.approx(both(rig, 7.0 * rig.period))
 
 
+@pytest.mark.short("mujoco", "own hardware*", "lagrange")
 def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
     def run_until_it_dies():
         with rig:

@@ -334,6 +334,7 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
 
 
+@pytest.mark.short("0.0-1e-05", "0.001-*")
 @pytest.mark.parametrize(
     ("across", "most"), [(0.0, 1e-5), (5e-4, 5e-5), (0.001, 3e-5), (0.005, 1e-5), (0.02, 1e-5)]
 )

@@ -140,6 +140,7 @@ def test_a_lever_is_part_of_what_the_plain_model_leaves_open(axis_log):
         assert gain.low < 6.0 < gain.high
 
 
+@pytest.mark.long
 def test_a_lever_is_part_of_what_a_rolling_ball_leaves_open(axis_log):
     rig = {"gain": 6.0, "dead_time": 0.05, "lag": 0.06, "level": 0.05, "camber": 0.2}
     time, ball, angle = axis_log(

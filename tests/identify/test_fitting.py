@@ -247,6 +247,7 @@ def test_windows_that_no_replay_explains_do_not_pull_the_fit_to_where_it_explain
     assert rise == pytest.approx((problem.weights(r) * r[..., 0] ** 2).sum(), rel=1e-4)
 
 
+@pytest.mark.long
 def test_a_window_in_which_the_ball_creeps_at_first_is_told_from_one_in_which_it_rests():
     model, names = BallPlate(), ("rolling", "breakaway", "delay", "level_phi", "level_theta")
     rng, bins = np.random.default_rng(3), 60
@@ -317,6 +318,7 @@ def test_a_servo_solves_its_first_order_equation():
             truth = truth + step * np.array([truth[1], (command[k, 0] - truth[1]) / lag])
 
 
+@pytest.mark.long
 def test_a_replay_rolls_as_the_exact_plant_does():
     model, friction = BallPlate(), Friction(rolling=2e-4, breakaway_ratio=1.5)
     plant = ExactPlant(model, rigs=1, step=0.001, friction=friction)

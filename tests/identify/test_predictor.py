@@ -139,6 +139,7 @@ def test_noise_of_a_log_that_is_explained_is_no_model_error(monkeypatch, plain):
     assert axis_prediction.refit_for_prediction(plain, 2.5) is plain
 
 
+@pytest.mark.long
 def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):
     noisy = axis_of(3, replace(PLAIN, noise=2e-3, seconds=30.0))
     given = AxisPredictor((replace(plain, log=noisy),))
@@ -180,6 +181,7 @@ def test_another_lead_is_taken_beyond_one_standard_error_of_the_pairs(
     assert choose_lead(AxisPredictor((plain,))).lead_s == lead_s
 
 
+@pytest.mark.long
 def test_five_numbers_are_fitted_to_all_of_a_log(monkeypatch):
     log, begun = axis_of(1, replace(PLAIN, seconds=8.0)), []
 

@@ -74,6 +74,7 @@ def test_a_ball_that_is_not_the_assumed_one_is_named(share, assumed, name):
     assert suspected(log, share) == []
 
 
+@pytest.mark.long
 def test_exchanged_axes_are_named_and_the_right_ones_are_not(log):
     both = {"x": log, "y": axis_of(2, Rig(seconds=25.0), -1.0)}
     assert not are_axes_exchanged(both)

@@ -178,6 +178,7 @@ def test_a_program_that_cannot_be_begun_is_told_in_one_line(tmp_path) -> None:
                         command=("node",))  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 def test_a_program_reads_nothing_of_the_rigs_and_writes_nowhere_else(tmp_path) -> None:
     if not shut_in_here():

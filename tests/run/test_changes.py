@@ -35,6 +35,7 @@ def columns(found, name):
     return found.record[name][:, 0]
 
 
+@pytest.mark.short("lagrange-plant.friction*", "mujoco-rig*", "lagrange-sensors.touch.lost*")
 @pytest.mark.parametrize(
     ("plant", "key", "value"),
     [

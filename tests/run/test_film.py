@@ -89,6 +89,7 @@ def seen(picture, colour=BLUE):
 PLACES = [(0.0, 0.0), (0.21, 0.0), (0.0, 0.12), (-0.25, -0.13), (0.3, 0.1), (0.3017, -0.0503)]
 
 
+@pytest.mark.short("place0-*", "place6-*")
 @pytest.mark.parametrize(("place", "size"), [*((place, 600) for place in PLACES), (PLACES[1], 480)])
 def test_the_ball_is_seen_where_it_was_recorded(place, size):
     picture = frames(told([place] * 30), size=size, seconds=0.05)[0]  # at rest: without a trail
@@ -144,6 +145,7 @@ def test_the_ball_moves_from_frame_to_frame_as_recorded():
         np.testing.assert_allclose(found, expected, atol=2e-3)
 
 
+@pytest.mark.short("phi-1", "theta--1")
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("axis", ["phi", "theta"])
 def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far_one(axis, sign):
@@ -186,6 +188,7 @@ def test_a_ball_that_fell_is_a_cross_where_it_was_seen_last_while_the_others_go_
     np.testing.assert_allclose(found, (0.28, 0.0), atol=2e-3)
 
 
+@pytest.mark.long
 def test_where_nothing_is_known_nothing_is_drawn_and_the_rest_is():
     ball = np.full((200, 2), np.nan)
     ball[:50] = ball[150:] = (-0.1, 0.05)

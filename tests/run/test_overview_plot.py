@@ -228,6 +228,7 @@ def test_from_a_round_plate_a_ball_has_gone_beyond_its_circle():
     assert (rim.width, rim.height, *rim.center) == (300, 300, 0, 0)
 
 
+@pytest.mark.short("plate", "effort")
 @pytest.mark.parametrize("name", PANEL_PLACES)
 def test_a_single_panel_has_the_width_asked_for_its_lines_and_their_legend(name):
     figure = pictures.panel({"one": motion(), "two": motion(0.05)}, name, PLATE, 88)
@@ -251,6 +252,7 @@ def test_a_single_panel_shows_what_the_picture_shows():
         assert np.array_equal(mine.get_xydata(), whole.get_xydata())
 
 
+@pytest.mark.long
 def test_panels_of_a_list_stand_below_each_other_with_one_legend_of_all():
     runs = {"one": motion(), "two": motion(0.05)}
     single = [pictures.panel(runs, name, PLATE, 88) for name in ("plate", "angle")]

@@ -138,6 +138,7 @@ def test_a_screen_long_not_seen_is_a_new_one(uneven):
     assert prior - screen.covariance == pytest.approx(np.exp(-1.0) * (prior - known), abs=1e-12)
 
 
+@pytest.mark.long
 def test_what_two_ways_share_is_learnt_once(uneven, monkeypatch):
     log, belief = uneven
     learnt, learn = [], FrictionMap.learn

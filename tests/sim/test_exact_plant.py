@@ -58,6 +58,7 @@ def test_a_table_made_of_a_linkage_takes_the_plate_where_that_does(axis, rows, m
     assert plants[0].state[0, 3::4] == pytest.approx(plants[1].state[0, 3::4], abs=0.05)
 
 
+@pytest.mark.long
 def test_a_table_of_a_straight_line_is_a_gain():
     keys = ["plant.kind=lagrange", "duration=0.5", "metrics.start=0"]
     line = [f"plant.linkage.{axis}_deg=[[-40,-{t}],[20,{t / 2}],[40,{t}]]" for axis, t in

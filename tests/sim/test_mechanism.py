@@ -303,6 +303,7 @@ def test_mass_and_inertia_of_another_plate_are_those_of_a_slab_of_its_shape(side
         assert found == pytest.approx(np.diag(moments), rel=7e-3, abs=1e-4)
 
 
+@pytest.mark.short("cams-0.02", "rods-None", "round *-0.25")
 @pytest.mark.parametrize("height", [None, 0.02, 0.25])
 def test_a_ball_on_a_plate_that_moves_follows_the_exact_equations(mechanism, height):
     parts = replace(mechanism.keywords["parts"] or Parts(), height=height)
@@ -370,6 +371,7 @@ def test_dry_friction_of_the_plates_joints_is_lost_motion_that_presses_the_wheel
     assert width[1] - width[0] == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.short("cams", "round rods")
 def test_many_rigs_are_seen_as_the_engines_own_sensors_see_one(mechanism):
     rate = np.array([0.9, -0.6])
     one, many = mechanism(rigs=1), mechanism(rigs=20)

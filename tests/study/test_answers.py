@@ -159,6 +159,7 @@ def test_rank_correlation_of_a_rising_function_of_one_parameter_is_one(tmp_path,
     assert [index.decided for index in found.indices] == [True, False, False]
 
 
+@pytest.mark.long
 def test_a_parameter_without_effect_is_negligible_and_not_undecided(tmp_path) -> None:
     about = study("sobol", 64)
     found = answered(about, lambda a, b, c: a + 2 * b + 0.01 * c, tmp_path)

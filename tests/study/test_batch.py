@@ -63,6 +63,7 @@ def test_the_cure_gives_the_same_bits_beside_other_references() -> None:
     assert simulate(rigs) == [simulate([rig])[0] for rig in rigs]
 
 
+@pytest.mark.long
 def test_a_ball_that_falls_leaves_its_neighbours_alone() -> None:
     still = scenarios("lagrange", 3, 0.5)
     (flung,) = scenarios("lagrange", 1, 0.5, "plant.start.x=0.34", "plant.start.x_rate=2.0")

@@ -62,6 +62,7 @@ def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> N
     assert "on 7 processors" in " ".join(out.split())
 
 
+@pytest.mark.long
 def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     code, out, err = study("short.toml", "--processes", "1")
     assert code == 0

@@ -138,6 +138,7 @@ def test_points_that_fail_on_one_plant_only_leave_no_estimate_from_both():
     assert found.biases
 
 
+@pytest.mark.long
 def test_rows_of_all_runs_beyond_the_studys_are_written(tmp_path):
     found, runs = screened(study(), 3)
     write_rows(found, tmp_path)
@@ -162,6 +163,7 @@ def test_failed_points_are_the_worst():
     assert all(math.isnan(each.exact) for each in found.checked if each.which == "worst")
 
 
+@pytest.mark.long
 def test_variants_are_compared_on_both_plants():
     both = ({"name": "a"}, {"name": "b", "set": ("plant.start.y=0.01",)})
     found, _ = screened(study(samples=8, variants=both, seeds=2), 2)

@@ -104,6 +104,7 @@ def drawn(tmp_path, printed):
 MECHANISM = ("motor_phi", "motor_theta", "spring", "wheel_", "cam_", "shaft_", "spring_anchor")
 
 
+@pytest.mark.long
 def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(drawn):
     settings = ("parameters=course", "plant.linkage.crank_mm=[0,0]", "rig.cams=table")
     text, root, of = drawn(*settings)
@@ -148,6 +149,7 @@ def test_a_round_plate_is_drawn_round(drawn, rig, thick):
     assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
 
 
+@pytest.mark.long
 def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path, printed):
     runs = open_runs((folder, folder / "run.parquet"))
     assert [each.name for each in runs] == ["circle", "circle~2"]

@@ -223,6 +223,7 @@ def test_what_a_csv_log_shows_is_where_the_twin_begins(run, log):
     assert moment.before_mm < 5
 
 
+@pytest.mark.long
 def test_a_twin_that_does_not_fit_says_so_before_the_branch(log, tmp_path):
     scenario = tmp_path / "tilted.toml"
     shipped = Path(__file__).parents[2] / "scenarios" / "circle.toml"
@@ -405,6 +406,7 @@ def test_without_touches_nothing_is_known():
     assert np.isnan(speed).all()
 
 
+@pytest.mark.long
 def test_a_log_of_commands_and_slow_frames_is_gone_on_with(tmp_path):
     """A camera of 30 frames/s and commanded angles; the future is what the run itself did."""
     run = recorded(tmp_path / "run", "duration=4.0")

@@ -212,6 +212,7 @@ def test_an_sdo_answer_to_something_else_refuses_the_start_and_is_named():
         assert "answered for 1001h:0 instead" in refused(rig, c.SDO_WRONG)
 
 
+@pytest.mark.long
 def test_a_velocity_that_is_always_zero_is_found_in_time_while_the_motor_turns_slowly(rig):
     rig.run(0.6, lambda _: (0.1, 0.1))
     rig.bus.faults.overwrite(0x281, at=0, data=bytes(4), towards=Towards.HOST)

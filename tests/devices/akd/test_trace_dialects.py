@@ -33,7 +33,7 @@ BEGIN = 1_700_000_000.0
 @pytest.fixture(scope="session")
 def frames():
     """The frames of a run, from the boot-up of its drives to their end, in whole microseconds."""
-    rig = LockstepRig(scenario := load("hold", ["duration=0.2"]))
+    rig = LockstepRig(scenario := load("hold", ["duration=0.1"]))
     heard = []
     rig.lockstep.heard = heard.append
     run(scenario, rig=rig)

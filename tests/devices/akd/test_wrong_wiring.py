@@ -128,6 +128,7 @@ def test_a_wrong_wire_is_named_on_cams_and_on_rods(wire, on):
     assert tilt < float(rig.supervisor.limits.angle) + np.radians(2.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("on", MECHANISMS)
 def test_exchanged_drives_are_named_by_where_the_ball_rolls_and_the_plate_is_levelled(on):
     rig = LockstepRig(load("circle", on))

@@ -144,7 +144,7 @@ def hidraw(descriptors, monkeypatch, tmp_path):
 
 def sees(screen, send, text):
     """Whether a screen feels a ball while a report is repeated."""
-    return wait_until(lambda: send(text) and bool(screen.read().touched[0]), 5.0)
+    return wait_until(lambda: send(text) and bool(screen.read().touched[0]), 60.0)
 
 
 @pytest.mark.real_time
