@@ -67,6 +67,7 @@ def test_without_posix_scenarios_are_listed_runs_reported_studies_planned_and_co
     assert printed["help"].count("Usage: ") == len(COMMANDS)
 
 
+@pytest.mark.long
 def test_the_hidden_modules_are_missed_where_they_are_used():
     code = HIDDEN.partition("from twin")[0] + "import fcntl"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -103,6 +103,7 @@ def test_a_result_shows_its_title_indicators_and_picture(done):
     assert repr(done).startswith("<Result 'Circle of 150 mm")
 
 
+@pytest.mark.long
 def test_variants_side_by_side_are_the_runs_themselves(compared, done):
     one, other = compared
     assert other == 'controller={kind="lqr", rho=100.0}'

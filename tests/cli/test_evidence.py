@@ -82,6 +82,7 @@ def without_end(hear, place):
         hear(frame(number))
 
 
+@pytest.mark.long
 def test_a_trace_whose_writer_was_killed_says_so_in_run_report_and_trace(
     tmp_path, monkeypatch, ballplate
 ):
@@ -152,7 +153,6 @@ def test_a_line_of_checksums_that_is_damaged_beside_a_good_one_is_told(tmp_path)
     assert read_trace(file).remarks[0].startswith("trace.sha256: is damaged")
 
 
-@pytest.mark.long
 def test_report_says_that_a_trace_was_damaged_since(tmp_path, ballplate):
     settings = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
     bp.run("hold", out=tmp_path / "run", **settings)

@@ -18,6 +18,7 @@ KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_run_prints_a_table_and_writes_a_folder(ballplate, tmp_path):
     code, out, _ = ballplate("run", "circle", *QUICK)
     assert code == 0

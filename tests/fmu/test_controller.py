@@ -129,6 +129,7 @@ def test_each_rig_has_an_instance_that_remembers_its_own(tmp_path):
     assert alone[0]["tracking_error_percent"] != alone[1]["tracking_error_percent"]
 
 
+@pytest.mark.long
 def test_rates_are_what_the_plate_is_told(tmp_path):
     # what is requested is a period of the difference to the rate of before, here added up anew
     path = written(tmp_path, outputs=("rate_phi", "rate_theta"))

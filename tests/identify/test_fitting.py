@@ -406,6 +406,7 @@ def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_sa
     assert 180 <= covered <= 199
 
 
+@pytest.mark.short("False-*")
 @pytest.mark.parametrize(("white", "least", "most"), [(False, 0.3, 0.7), (True, 0.85, 1.0)])
 def test_white_residuals_give_widths_that_two_logs_agree_in_and_that_hold(white, least, most):
     slopes = np.random.default_rng(7).normal(size=(10, 40, 5))

@@ -150,6 +150,7 @@ def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig(mechanism):
     )
 
 
+@pytest.mark.short("cams*", "rods*")
 def test_the_servo_does_not_droop_under_the_spring(mechanism):
     plant = mechanism()
     plant.start(BESIDE)

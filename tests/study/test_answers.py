@@ -129,6 +129,7 @@ def test_sobol_indices_of_ishigamis_function_are_those_in_closed_form(tmp_path) 
     assert all(index.decided for index in found.indices)
 
 
+@pytest.mark.long
 def test_the_interval_of_an_index_holds_the_truth_and_an_undecided_one_is_called_so(
     tmp_path,
 ) -> None:

@@ -146,6 +146,7 @@ def test_a_change_at_the_moment_is_the_run_that_changes_then(run, tmp_path):
     assert found.max_difference > 1e-4
 
 
+@pytest.mark.long
 def test_a_moment_between_two_periods_is_the_nearest_period(run, log):
     assert moment_of(run, 1.2007).at == pytest.approx(1.2)
     assert moment_of(log, 2.2013, "circle").at == pytest.approx(2.202)

@@ -148,6 +148,7 @@ def test_heartbeats_that_waited_for_a_host_that_hung_are_those_of_one_node():
     assert any(count.too_many(3.2 + number * period / 2) for number in range(60))
 
 
+@pytest.mark.short("127")
 @pytest.mark.parametrize("state", [0, 4, 127])
 def test_a_heartbeat_of_another_node_that_is_not_operational_is_no_fault_of_this_one(rig, state):
     rig.bus.from_other(Frame(0x701, bytes((state,))))

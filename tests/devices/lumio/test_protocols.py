@@ -66,6 +66,7 @@ def test_what_the_emulated_screen_encodes_comes_back_within_half_a_native_count(
     assert contact.down == down
 
 
+@pytest.mark.short("elo")
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @given(
     places=st.lists(st.tuples(SHARE, SHARE), min_size=1, max_size=8),
