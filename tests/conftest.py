@@ -13,6 +13,7 @@ from markupsafe import Markup
 from controllers import catalog
 from controllers.catalog import forget
 from twin.base.data_file import read_packaged
+from twin.devices import kinds
 from twin.scenario.load import check, put, setting
 
 TABLES = {
@@ -32,9 +33,13 @@ MOUSE = (
 )
 
 
-# How fast a busy machine answers is no property of the code.
-settings.register_profile("twin", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("twin")
+def pytest_configure(config):
+    """Short tests try a property with fewer examples than the long ones try the same."""
+    # how fast a busy machine answers is no property of the code
+    patient = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    short = settings(patient, max_examples=25)
+    settings.register_profile("twin", patient if config.option.markexpr == "long" else short)
+    settings.load_profile("twin")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -81,7 +86,9 @@ def kept_frozen():
 def installed_once():
     """What is installed stays so; to look for it is most of what the catalog takes to be made."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalog, "entry_points", cache(catalog.entry_points))
+        found = cache(catalog.entry_points)
+        for each in (catalog, kinds):
+            patch.setattr(each, "entry_points", found)
         yield
 
 

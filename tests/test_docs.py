@@ -153,6 +153,7 @@ def test_a_law_that_ran_fewer_candidates_is_named(plan, found):
     assert tuned.fewer(plan, found) == ["AFL, thesis (20)"]
 
 
+@pytest.mark.long
 def test_a_result_of_the_tuned_laws_is_kept_only_while_all_that_a_search_reads_is_the_same(
     plan, monkeypatch
 ):

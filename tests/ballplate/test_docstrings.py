@@ -10,8 +10,12 @@ from twin.fmu import export
 
 DOCUMENTED = {"ballplate": bp} | {name: getattr(bp, name) for name in bp.__all__}
 """The package and its public names, each with a docstring."""
-LONG = {"identify", "Identified"}
-"""Those with examples that fit a twin to a log of 10 s."""
+LONG = {
+    *("identify", "Identified", "plan_experiment", "Planned"),  # a fit to a log of 10 s
+    *("ballplate", "compare", "sweep", "Sweep", "StudyResult"),  # several runs, as `run` has one
+    *("fmu", "controller_fmu"),  # compiled, as `drive_fmu` is
+}
+"""Those with examples that take longest, each a slower form of one that is short."""
 
 
 def examples_of(name):

@@ -137,6 +137,11 @@ def circles(request):
     return on, request.param
 
 
+@pytest.mark.short(
+    "2.0-Gymnasium, exact",
+    "2.0-python-control, sampled, exact",
+    "2.0-python-control, sampled, frictionless",
+)
 @pytest.mark.parametrize(("name", "plant"), CASES, ids=[", ".join(case) for case in CASES])
 def test_the_same_circle_goes_through_every_door(name, plant, circles):
     on, seconds = circles

@@ -185,6 +185,7 @@ ORDERS = (
 )
 
 
+@pytest.mark.short("program0")
 @pytest.mark.parametrize(
     "program",
     [NOTHING_LOADED, RELOADED, BROKEN, *(pytest.param(SCRIPT.format(order), marks=pytest.mark.long)

@@ -83,6 +83,7 @@ class Busy(Law):
 """
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("unlocked")
 def test_a_law_that_computes_for_longer_than_a_period_never_meets_a_rig(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -176,6 +177,7 @@ def test_the_trace_of_a_killed_run_has_its_last_frame(tmp_path):
     assert [int.from_bytes(each.data, "little") for each in found.frames] == list(range(30_000))
 
 
+@pytest.mark.long
 def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
     file, told = tmp_path / "trace.log", Heard()
     said = can.Message(timestamp=1.0, arbitration_id=0x601, is_extended_id=False, data=bytes(8))
@@ -197,6 +199,7 @@ def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
     assert [bytes(each.data) for each in read_trace(file).frames] == [bytes(8)]
 
 
+@pytest.mark.short("older1")
 @pytest.mark.parametrize("older", [[], ["trace.log"]])
 def test_a_bus_that_was_never_opened_leaves_no_trace_and_an_older_one_is_not_its(tmp_path, older):
     for name in older:
@@ -209,6 +212,7 @@ def test_a_bus_that_was_never_opened_leaves_no_trace_and_an_older_one_is_not_its
     assert [each.name for each in tmp_path.iterdir()] == older
 
 
+@pytest.mark.short("True")
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails):
     folder = tmp_path / "run"

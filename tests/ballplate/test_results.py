@@ -49,6 +49,7 @@ class Tags(HTMLParser):
         self.cells += [data] if data.strip() else []
 
 
+@pytest.mark.long
 def test_the_columns_and_units_are_those_of_the_record(done, tmp_path):
     columns, units, _ = read_run(done.save(tmp_path) / "run.parquet")
     assert list(done) == list(columns)
@@ -90,6 +91,7 @@ def test_an_exported_run_is_loaded_as_a_log_in_si_units(done, tmp_path):
     assert log.units["applied_phi_rate"] == "rad/s"
 
 
+@pytest.mark.long
 def test_a_result_shows_its_title_indicators_and_picture(done):
     shown = Tags(done._repr_html_())
     assert shown.cells[0] == done.title
@@ -101,6 +103,7 @@ def test_a_result_shows_its_title_indicators_and_picture(done):
     assert repr(done).startswith("<Result 'Circle of 150 mm")
 
 
+@pytest.mark.long
 def test_variants_side_by_side_are_the_runs_themselves(compared, done):
     one, other = compared
     assert other == 'controller={kind="lqr", rho=100.0}'
@@ -179,6 +182,7 @@ def test_what_there_is_to_run_and_to_set():
     assert str(ballplate.describe("lqr")).startswith("State feedback that minimises")
 
 
+@pytest.mark.long
 def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_path):
     done.save(tmp_path / "run")
     for place in ("a", "b"):

@@ -18,6 +18,7 @@ def driven(rig):
     return rig
 
 
+@pytest.mark.short("circle")
 @pytest.mark.parametrize("scenario", ["circle", "cure"])
 def test_stepped_with_the_scenarios_own_controller_it_gives_the_record_of_the_run(scenario):
     alone = ballplate.run(scenario, **SHORT)

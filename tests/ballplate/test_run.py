@@ -163,6 +163,7 @@ def test_the_advice_on_an_unstable_loop_names_the_rig(settings, on):
     assert f"`ballplate tune afl{on}` searches other gains" in said
 
 
+@pytest.mark.short("settings[1-9]-*")
 @pytest.mark.parametrize(
     ("settings", "line"),
     [
@@ -317,6 +318,7 @@ class Formatter(dict):
     for_type = dict.__setitem__
 
 
+@pytest.mark.long
 def test_in_a_notebook_long_work_tells_its_progress_and_figures_are_pictures(monkeypatch, capsys):
     module = type(sys)("IPython")
     module.version_info = (9, 0, 0)  # matplotlib asks for it when it draws for the first time
@@ -371,6 +373,7 @@ def test_a_function_is_a_law_with_its_keywords_as_settings():
     np.testing.assert_array_equal(law().control(0.0, x, hold, x[:, :0]), pd(0.0, x, hold))
 
 
+@pytest.mark.long
 def test_beside_the_twin_of_another_rig_runs_the_clean_model_of_it():
     brief = {"duration": 2.0, "metrics.start": 1.0}
     other = ballplate.run("circle", brief | {"parameters": "hobby"})

@@ -95,6 +95,7 @@ def test_poles_and_margins_of_designs_of_the_thesis(design):
         assert found.crossover == pytest.approx(crossover, rel=1e-3)
 
 
+@pytest.mark.short("lqr")
 @pytest.mark.parametrize("kind", ["lqr", "pole_placement"])
 def test_a_step_response_is_the_run_of_the_step(kind):
     """A step of a millimetre, so small that sines are their angles."""
@@ -193,6 +194,7 @@ def test_the_mechanism_is_slowly_the_linear_plant_and_rings_where_the_model_file
     assert [-p.real / abs(p) for p in ringing] == pytest.approx([0.080, 0.084], rel=0.02)
 
 
+@pytest.mark.long
 def test_the_exact_plant_carries_the_age_of_a_contact_that_holds_the_ball():
     sticky = {"rolling_mm": 0.18, "breakaway_ratio": 3.0, "dwell_time": 0.5}
     start = {"x_rate": 0.02}

@@ -105,6 +105,7 @@ def test_a_law_in_python_and_a_board_of_the_same_time_are_late_alike(tmp_path):
         np.testing.assert_allclose(board[name], python[name], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_rigs_side_by_side_have_a_program_each(tmp_path):
     # by the desired x
     tilting = {"name": "tilting", "rate": "(0.5 * measured[7] if count < 20 else 0.0, 0.0)"}
@@ -125,6 +126,7 @@ def test_rigs_side_by_side_have_a_program_each(tmp_path):
         simulate(mixed)
 
 
+@pytest.mark.long
 @COMPILED
 def test_a_difference_is_stated_up_to_where_the_supervisor_levels_the_plate():
     rolling = {"plant__start__x": 0.15, "plant__start__x_rate": 1.0, "board__real": "double"}

@@ -45,6 +45,7 @@ QUICK = ("-O0",)
 of a predictor and of ``float``."""
 
 
+@pytest.mark.short("lqr", "pid")
 @pytest.mark.parametrize(
     "law", [pytest.param(each, marks=() if each in SHORT else pytest.mark.long) for each in LAWS]
 )
@@ -56,6 +57,7 @@ def test_a_law_in_c_commands_what_it_commands_in_python(law, tmp_path):
     assert difference < 1e-14
 
 
+@pytest.mark.long
 def test_predictor_and_limits_in_c_are_those_of_python_with_frames_lost(tmp_path):
     chosen = scenario(observer__kind="kalman", duration=1.2, **SCREEN, **LIMITS)
     folder = export(tmp_path / "plate.c", chosen)
@@ -79,6 +81,7 @@ REFERENCES = {
 """Constant, harmonic after a polynomial, filtered goals, and a table."""
 
 
+@pytest.mark.short("hold", "path")
 @pytest.mark.parametrize("kind", REFERENCES)
 def test_a_reference_in_c_is_that_of_python(kind, tmp_path):
     settings = {f"reference__{key}": value for key, value in REFERENCES[kind].items()}
@@ -89,6 +92,7 @@ def test_a_reference_in_c_is_that_of_python(kind, tmp_path):
     assert difference < 1e-12
 
 
+@pytest.mark.long
 def test_float_has_no_operation_in_double_and_differs_by_rounding_only(tmp_path):
     chosen = scenario(observer__kind="kalman", duration=0.6)
     folder = export(tmp_path / "plate.c", chosen, real="float")
@@ -210,6 +214,7 @@ def test_a_position_of_an_impossible_age_counts_as_not_touched(library, age):
     assert (rates == untouched).all()
 
 
+@pytest.mark.long
 def test_a_run_that_the_c_code_drives_is_that_of_the_python_controller(tmp_path):
     chosen = scenario(controller__kind="afl", observer__kind="luenberger", duration=2.0, **SCREEN)
     folder = export(tmp_path / "plate.c", chosen)

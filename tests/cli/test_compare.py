@@ -110,6 +110,7 @@ def test_columns_of_several_scenarios_and_variants_name_both(ballplate):
     ]
 
 
+@pytest.mark.long
 def test_named_variants_stand_in_the_place_of_their_scenario_in_the_order_typed(
     ballplate, tmp_path
 ):

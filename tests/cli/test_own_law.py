@@ -98,6 +98,7 @@ def test_a_record_without_its_law_is_shown_and_that_is_said_but_nothing_goes_on_
     assert ballplate("compare", bad)[0] == 2
 
 
+@pytest.mark.long
 def test_of_a_law_that_was_changed_both_runs_are_kept_and_what_differs_is_told(ballplate, rewrite):
     ballplate("run", "circle", *SHORT)
     rewrite("60.0", "61.0")
@@ -212,6 +213,7 @@ COMMANDS = {
 """A command, and what it writes of the law that does not go wrong."""
 
 
+@pytest.mark.short("*-run", "*-explain", "*-compare")
 @pytest.mark.parametrize(
     ("text", "command"),
     [*((text, "run") for text in WRONG), *((next(iter(WRONG)), each) for each in COMMANDS)][1:],
@@ -536,6 +538,7 @@ def test_what_only_reads_does_not_run_the_laws_of_a_folder(ballplate, mine):
     assert Path("executed.txt").read_text() == "x"
 
 
+@pytest.mark.long
 def test_the_tab_key_does_not_run_the_laws_of_a_folder(mine):
     mine.write_text(MARK + mine.read_text())
     words = {"COMP_WORDS": "ballplate run circle --set controller.kind=", "COMP_CWORD": "4"}

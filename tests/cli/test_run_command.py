@@ -18,6 +18,7 @@ KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_run_prints_a_table_and_writes_a_folder(ballplate, tmp_path):
     code, out, _ = ballplate("run", "circle", *QUICK)
     assert code == 0
@@ -63,6 +64,7 @@ def test_run_json_has_the_unit_of_every_number_a_verdict_and_the_baseline(ballpl
     assert opened == {key: value for key, value in found.items() if key not in kept}
 
 
+@pytest.mark.long
 def test_a_run_that_fell_exits_with_one_and_keeps_its_record(ballplate, tmp_path):
     code, out, _ = ballplate(
         "run", "hold", "--plant", "lagrange", "--set", "duration=2",

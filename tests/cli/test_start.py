@@ -138,6 +138,7 @@ WRONG_ON_RIG = [
 """Faults of the virtual rig with a misspelt name."""
 
 
+@pytest.mark.short("words0")
 @pytest.mark.parametrize("words", WRONG_ON_RIG)
 def test_a_misspelt_fault_is_reported_before_anything_heavy(tmp_path, words):
     (tmp_path / "faulty.toml").write_text(

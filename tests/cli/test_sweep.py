@@ -39,6 +39,7 @@ def test_a_sweep_gives_of_each_value_what_run_gives(ballplate, tmp_path):
     assert float(rows[3]["rms_error [m]"]) == alone.metrics["rms_error"]
 
 
+@pytest.mark.long
 def test_a_value_at_which_the_ball_is_lost_is_told_in_the_table(ballplate):
     code, out, _ = ballplate("sweep", "hold", "plant.start.x=[0.0, 0.3]", "-j", "1", *QUICK)
     assert code == 1

@@ -118,6 +118,7 @@ def laps(law, path, count):
     return np.sqrt(np.square(errors).reshape(count, LAP, 2).mean(axis=(1, 2))), plan
 
 
+@pytest.mark.long
 def test_the_error_of_every_second_lap_falls_by_what_is_learnt_of_it():
     error, _ = laps(IterativeLearning(omega=OMEGA, gain=0.7), PATH, 6)
     learnt = error[1::2]
@@ -126,6 +127,7 @@ def test_the_error_of_every_second_lap_falls_by_what_is_learnt_of_it():
     np.testing.assert_allclose(learnt[1:] / learnt[:-1], 0.3, rtol=0.1)
 
 
+@pytest.mark.long
 def test_a_path_that_does_not_repeat_teaches_nothing():
     _, plan = laps(IterativeLearning(omega=1.3), PATH, 5)
     assert not plan.table.any()

@@ -95,6 +95,7 @@ def test_whoever_asks_for_the_law_of_a_broken_file_is_told_of_the_file(broken):
     assert f"not imported: {broken / 'bracket.py'}, line 1: SyntaxError" in line
 
 
+@pytest.mark.long
 def test_a_package_within_the_folder_is_found_and_a_broken_one_told(tmp_path):
     for name, content in (("good", ""), ("bad", "1 / 0")):
         (tmp_path / name).mkdir()

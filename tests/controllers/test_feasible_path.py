@@ -81,6 +81,7 @@ FAST = {
 }
 
 
+@pytest.mark.short("*-place0")
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.1, -0.07)])
 @pytest.mark.parametrize("path", FAST.values(), ids=FAST)
 def test_a_path_that_is_under_way_at_the_start_is_joined_from_rest(path, place):
@@ -162,6 +163,7 @@ class Later(Reference):
         return CALM(t) + STEP(np.asarray(t) - 1.0)
 
 
+@pytest.mark.short("step", "transition")
 @pytest.mark.parametrize(
     "both",
     [
@@ -231,6 +233,7 @@ def test_a_corner_without_acceleration_is_seen():
     assert feasible.within(corner[:, :50])
 
 
+@pytest.mark.long
 def test_the_cure_keeps_a_ball_whose_reference_is_under_way_at_the_start():
     fast = ['reference={kind="sine",amplitude=[0.15,0.0],omega=5.0}', "duration=1.2"]
     with pytest.warns(bp.BallplateWarning, match="up to 1[0-9][0-9] mm away"):

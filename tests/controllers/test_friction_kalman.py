@@ -205,6 +205,7 @@ def test_friction_and_tilt_gain_are_found_within_the_spread_stated(consistency):
     assert found["tilt_gain_x_spread"].mean() < 0.9 * 0.02
 
 
+@pytest.mark.short("0.0405")
 @pytest.mark.parametrize("delay", [0.0, 0.042, 0.0405])
 def test_without_noise_the_estimate_is_the_state_of_now(delay):
     quiet = {"walk": (1e-4, 1e-5, 1e-5, 1e-5), "spread": (1e-9, 1e-9, 1e-9)}
@@ -298,6 +299,7 @@ def test_a_frame_is_taken_once_and_as_old_as_it_is():
     assert [tick for tick, new in enumerate(taken) if new] == [0, 8, 16]
 
 
+@pytest.mark.long
 def test_the_equivalent_angle_moves_a_ball_without_friction_alike():
     observer = FrictionKalman(delay=0.042)
     world = World(observer, rigs=3)
@@ -351,6 +353,7 @@ def test_friction_and_its_spread_are_those_of_the_place(learnt):
     assert found["friction_spread"].mean() < 0.4 * observer.map_spread
 
 
+@pytest.mark.long
 def test_without_unevenness_it_is_the_filter_with_one_friction():
     plain, mapped = FrictionKalman(), FrictionMapKalman(map_spread=1e-9, **COARSE)
     world = World(FrictionMapKalman(**COARSE), rigs=2)
@@ -417,6 +420,7 @@ def test_a_plate_that_is_taken_for_flat_has_no_camber():
         assert not known(observer)["camber_x"].any()
 
 
+@pytest.mark.short("0.0")
 @pytest.mark.parametrize("camber", [0.0, 0.3])
 def test_the_covariance_is_that_of_the_whole_state_written_out(camber):
     observer = FrictionMapKalman(camber_spread=camber, **COARSE)
@@ -524,6 +528,7 @@ def alike(found, truth):
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9 * np.abs(truth).max())
 
 
+@pytest.mark.short("0.0-1-470")
 @pytest.mark.parametrize(
     ("camber", "rigs", "ticks"),
     [
@@ -690,6 +695,7 @@ def swung(observer, frequency, amplitude, jump=0.0):
     return np.array(rates)
 
 
+@pytest.mark.long
 def test_a_plate_that_swings_on_its_drive_train_is_found_and_followed_more_slowly():
     frequency, amplitude = (5.0, 5.0, 12.0, 1.0, 13.0), (0.02, 0.0, 0.01, 0.02, 0.002)
     # neither a jump, nor the slow motion of one that is late, nor what a stiff one has

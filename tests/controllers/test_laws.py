@@ -50,6 +50,7 @@ class Each(Reference):
         return np.stack((PATH(t), Swapped()(t)), axis=-2)
 
 
+@pytest.mark.short("lqr", "afl", "mpc")
 @every_law
 @settings(max_examples=25)
 @given(data=st.data(), t=st.floats(0, 20))
@@ -63,6 +64,7 @@ def test_rigs_may_follow_each_their_own_reference(law, data, t):
         np.testing.assert_array_equal(slopes[i], law.memory_rate(t, x[i], path, q[i]))
 
 
+@pytest.mark.short("lqr", "backstepping", "mpc")
 @every_law
 @settings(max_examples=25)
 @given(data=st.data(), t=st.floats(0, 20))

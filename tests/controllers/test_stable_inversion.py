@@ -109,6 +109,7 @@ def follows(law, lag, path, seconds=4.0, found=0.0):
     return max(off[round(2.0 / T) :])
 
 
+@pytest.mark.long
 def test_behind_drives_with_a_lag_that_is_told_the_ball_follows_as_on_drives_without():
     path = Circle(amplitude=0.06, omega=2.0)
     told = StableInversion(model=BallPlate(lag=LAG), slope=0.0)
@@ -387,6 +388,7 @@ def test_each_rig_has_the_same_dither_to_the_last_bit():
     np.testing.assert_array_equal(several[..., 1], slopes_of(law, np.zeros(8), 60))
 
 
+@pytest.mark.long
 def test_a_dither_crosses_the_play_of_the_drives_so_that_the_mean_tilt_is_the_commanded_one():
     play = math.radians(0.3)
 

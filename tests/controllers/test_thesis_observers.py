@@ -171,6 +171,7 @@ def test_measurements_in_turn_are_the_kalman_update_with_all_at_once():
         np.testing.assert_allclose(observer.P[rig], joseph, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.long
 def test_covariance_at_the_level_plate_settles_in_that_of_the_kalman_filter():
     settings = {"Q": (0.1, 0.2), "R": (1e-6, 1e-6, 1e-6, 1e-6)}
     observer = ExtendedKalman(spread=SPREAD, **settings)

@@ -1,11 +1,13 @@
 """`twin.devices.kinds`: shipped kinds of devices, and those of installed packages."""
 
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 
 from twin.base.errors import ScenarioError
+from twin.devices import kinds
 from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, find_kind
 from twin.run.connect import connect
 from twin.scenario import load
@@ -52,6 +54,7 @@ TOUCH = {"port": "/dev/null"}
 def install(tmp_path, monkeypatch):
     """Installs a package whose entry points are given, as an installer leaves it on the path."""
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(kinds, "entry_points", entry_points)  # not those found before
     monkeypatch.delitem(sys.modules, "feetech_ballplate", raising=False)
     (tmp_path / "feetech_ballplate.py").write_text(SOURCE)
 

@@ -121,6 +121,7 @@ LONG = {"camera reports", "camera silent"}
 """Rows that differ from a camera that fails in the reason alone."""
 
 
+@pytest.mark.short("servos fail", "servos report", "STO opens")
 @pytest.mark.parametrize(
     "row", [pytest.param(each, marks=pytest.mark.long if each in LONG else ()) for each in ROWS]
 )

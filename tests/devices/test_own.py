@@ -148,6 +148,7 @@ def test_a_plate_last_measured_before_it_was_homed_is_believed_where_it_was_meas
     assert servos.plate() == pytest.approx(np.array([[0.03, -0.02]]))
 
 
+@pytest.mark.short("command raises", "measure raises", "no reading", "silent", "stuck", "reports")
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_told_within_its_time_and_the_hardware_is_stopped_once(fault, scenario):
     change, state, words, within, condition = FAULTS[fault]
@@ -188,6 +189,7 @@ def with_signs(hardware, phi, theta):
     return hardware
 
 
+@pytest.mark.short("*-0.004")
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.004])
 @pytest.mark.parametrize("signs", [(-1, 1), (1, -1), (-1, -1)])
 def test_an_encoder_that_counts_the_wrong_way_stops_own_hardware_within_its_limit(
@@ -247,6 +249,7 @@ def test_a_scale_is_found_behind_delay_and_lag(gain, delay, lag):
     assert SCALE_TEST.gain(0.1 * commanded[-300:], measured[-300:], period) is None
 
 
+@pytest.mark.short("0.004-0.0")
 @pytest.mark.parametrize(("lag", "late"), [(0.004, 0.0), (0.08, 0.0), (0.04, 0.1)])
 def test_a_plate_that_is_late_does_not_count_as_turning_the_other_way(lag, late, scenario):
     hardware = VirtualBoard(lag=lag, late=late)
@@ -327,6 +330,7 @@ def test_without_an_encoder_the_plate_is_where_a_lag_of_its_command_is(scenario)
     assert sum("if this program dies" in text for text in notes) == 1
 
 
+@pytest.mark.long
 def test_a_law_brings_the_ball_of_another_rig_to_its_set_point(scenario):
     chosen = scenario("duration=6", "controller.kappa=0.5")
     hardware = VirtualBoard(friction=0.0, lag=0.01)

@@ -21,7 +21,7 @@ def line_of(text):
     return f"{text}*{sum(map(ord, text)) & 0xFF:02X}\n".encode("ascii")
 
 
-def waited(condition, seconds=2.0):
+def waited(condition, seconds=60.0):
     """Whether something becomes true within a time in s."""
     end = time.monotonic() + seconds
     while not (found := condition()) and time.monotonic() < end:
@@ -34,7 +34,7 @@ def board():
     """The socket of a board; nothing is behind it but the test."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         line.bind(("127.0.0.1", 0))
-        line.settimeout(2.0)
+        line.settimeout(60.0)
         yield line
 
 
@@ -43,12 +43,13 @@ def connected(board):
     """The example, started, and the address at which it is answered."""
     rig = example("udp").Esp32(*board.getsockname())
 
+    rig.begun = rig.time()
     starting = threading.Thread(target=rig.start)
     starting.start()
     heard, peer = board.recvfrom(64)
     assert heard == line_of("P 0 0")
     board.sendto(line_of("B 1 30.0 -20.0"), peer)
-    starting.join(timeout=2.0)
+    starting.join(timeout=60.0)
     yield rig, peer
     rig.stop()
 
@@ -57,7 +58,7 @@ def test_a_line_of_the_board_becomes_a_reading_in_metres(connected):
     rig, _ = connected
     x, y, at, *angles = rig.measure()
     assert (x, y) == (pytest.approx(0.03), pytest.approx(-0.02))
-    assert 0 <= rig.time() - at < 2
+    assert rig.time() >= at >= rig.begun
     assert angles == [None, None]
 
 

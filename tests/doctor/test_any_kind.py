@@ -192,6 +192,7 @@ def test_of_servos_of_one_axis_phi_alone_is_tilted(bench):
     assert np.degrees(bench.clock.largest) == pytest.approx([1.0, 0.0], abs=0.01)
 
 
+@pytest.mark.short("*-pass-pass", "*-fail-pass")
 @pytest.mark.parametrize(
     ("matrix", "phi", "theta"),
     [

@@ -225,6 +225,7 @@ def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch, rig):
     assert "keeps something else" in last.seen
 
 
+@pytest.mark.long
 def test_plate_encoders_plugged_crosswise_are_named(scenario, rig):
     chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
     plant, seen = EmulatedPlant(chosen), {}

@@ -48,6 +48,7 @@ def rolled(hardware, patience=0.0, *settings):
     return found, rig
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "given",
     [
@@ -139,6 +140,7 @@ def test_a_ball_that_is_not_seen_is_said_so():
     assert found["ball"].status is CheckStatus.FAIL
 
 
+@pytest.mark.long
 def test_a_ball_that_is_put_into_the_middle_in_time_is_waited_for():
     hardware = Wired()
     hardware.board.ball = [0.06, 0.0]

@@ -123,7 +123,7 @@ def drive_by_pdos(node):
     for word in (0x1F, 0x0F):
         record[0x6040].raw = word
         record.transmit()
-    assert wait_until(lambda: abs(node.tpdo_values[0x6064] - TURN) < 64, 20.0)
+    assert wait_until(lambda: abs(node.tpdo_values[0x6064] - TURN) < 64, 60.0)
 
 
 @pytest.mark.real_time

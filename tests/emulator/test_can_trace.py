@@ -63,6 +63,7 @@ def said(wired, capsys, monkeypatch):
     return partial(called, capsys, "trace")
 
 
+@pytest.mark.long
 def test_of_a_run_folder_its_trace_is_told(said):
     (_, of_folder, _), (_, of_file, _) = said(".", "--json"), said("trace.log", "--json")
     assert {**json.loads(of_folder), "trace": ""} == {**json.loads(of_file), "trace": ""}
@@ -299,6 +300,7 @@ def test_emulated_drives_answer_a_trace_of_their_own_the_same(wired, said):
     assert f"{len(frames) - len(own)} frames of drives compared" in " ".join(out.split())
 
 
+@pytest.mark.short("changed-1537-40-*", "without-641-150-*")
 @pytest.mark.parametrize(
     ("changed", "cob_id", "at", "words"),
     [
@@ -340,6 +342,7 @@ def test_what_a_drive_had_before_the_trace_is_no_difference(wired, said):
     assert found["difference"] is None
 
 
+@pytest.mark.long
 def test_drives_of_others_are_not_replayed_and_named(wired, said):
     def vendor(node):
         def changed(frames):

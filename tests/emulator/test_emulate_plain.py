@@ -142,7 +142,7 @@ def test_a_foreign_master_drives_the_command_over_its_pty_and_a_socket_brings_fa
                     state = json.loads(answers.readline().removeprefix("ok: "))[0]
                     answers.close()
                 assert state["state"] == "fault"
-                assert wait_until(lambda: node.emcy.log, 10.0)
+                assert wait_until(lambda: node.emcy.log, 60.0)
                 assert node.emcy.log[0].code == 0x4310
             finally:
                 network.disconnect()

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from twin.base.errors import ScenarioError
+from twin.base.jobs import wait_until
 from twin.emulator.fault_lines import FAULTS, MATRIX_ROWS, fault_name, plan_faults
 from twin.emulator.injection import INJECTED, inject
 from twin.hal.supervisor import State
@@ -115,12 +116,12 @@ def test_each_fault_is_done_once_at_its_time_of_the_run_and_noted():
         obeyed.append((rig.time, line))
         return "done"
 
-    planned = plan_faults(["0.05 unplug", "0.1 plug", "4 sto"], 5.0, "--fault")
+    planned = plan_faults(["0.05 unplug", "0.1 plug", "900 sto"], 1000.0, "--fault")
     with inject(planned, obey, rig):
         time.sleep(0.05)
         assert obeyed == []  # nothing before the run, whatever its clock shows
         rig.start()
-        time.sleep(0.3)
+        assert wait_until(lambda: len(obeyed) == 2, 60.0)
     assert [line for _, line in obeyed] == ["unplug", "plug"]  # the run ended before the third
     assert obeyed[0][0] >= 0.05
     assert obeyed[1][0] >= 0.1

@@ -56,6 +56,7 @@ def test_the_emulated_screen_sees_what_the_scenarios_sees_and_as_often():
     assert looked.count(0) == pytest.approx(2 / FRAME_INTERVAL_S, abs=2)
 
 
+@pytest.mark.short("hid-timed")
 @pytest.mark.parametrize("protocol", [Protocol.HID_0006, Protocol.HID_TIMED])
 def test_a_screen_on_usb_is_no_flooded_line(protocol, scenario):
     rig = LockstepRig(scenario("plant.kind=lagrange"), protocol=protocol)
@@ -214,6 +215,7 @@ def test_a_computer_that_misses_periods_costs_the_cure_hardly_anything():
     assert abs(wire - run(chosen).metrics["tracking_error_percent"]) < 0.3
 
 
+@pytest.mark.long
 def test_the_noise_of_a_screen_is_drawn_anew_for_every_frame(scenario):
     plant = LockstepRig(scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")).plant
     found = []

@@ -169,7 +169,7 @@ def test_ctrl_c_levels_the_plate_and_keeps_the_record(virtual, tmp_path):
     with host(tmp_path, "--json") as process:
         running(virtual)
         process.send_signal(signal.SIGINT)
-        out, error = process.communicate(timeout=90)
+        out, error = process.communicate(timeout=300)
     assert process.returncode == 1, error
     assert json.loads(out or "{}").get("outcome") == "aborted", error
     assert not any(drive.enabled for drive in virtual.drives)
@@ -185,13 +185,13 @@ def test_the_sto_button_ends_a_run_as_a_fault_with_one_line(virtual, tmp_path):
     with host(tmp_path, "--json") as process:
         running(virtual)
         assert "STO open" in virtual.obey("sto")
-        out, error = process.communicate(timeout=90)
+        out, error = process.communicate(timeout=300)
     assert process.returncode == 1, error
     summary = json.loads(out)
     assert summary["outcome"] == "fault"
     assert "drive" in summary["reason"]
     assert not any(drive.enabled for drive in virtual.drives)
-    assert wait_until(lambda: all(abs(drive.rate) < 0.01 for drive in virtual.drives), 5)
+    assert wait_until(lambda: all(abs(drive.rate) < 0.01 for drive in virtual.drives), 60)
 
 
 def test_the_process_of_an_emulated_rig_obeys_and_ends(scenario):

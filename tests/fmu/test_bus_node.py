@@ -118,6 +118,7 @@ def draw_mapping(rng):
     yield write(number, 1, OBJECTS[number, 1].default, 4)
 
 
+@pytest.mark.short("0")
 @pytest.mark.parametrize("seed", range(3))
 def test_500_sdo_requests_have_the_answers_of_the_emulator(drive, seed):
     rng = random.Random(seed)
@@ -323,6 +324,7 @@ def draw_frames(rng, state):
     return rng.choices(list(kinds.values()), list(kinds))[0]()
 
 
+@pytest.mark.short("0")
 @pytest.mark.parametrize("seed", range(3))
 def test_a_session_of_any_frames_and_inputs_has_the_frames_of_the_emulator(drive, seed):
     rng = random.Random(seed)

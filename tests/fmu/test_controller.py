@@ -103,6 +103,7 @@ def run(path, **settings):
     return bp.run("circle", changed("fmu", controller__file=str(path), **settings))
 
 
+@pytest.mark.short("3")
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_it_does_what_the_same_feedback_does_in_python(tmp_path, fmi):
     path = written(tmp_path, fmi=fmi)
@@ -128,6 +129,7 @@ def test_each_rig_has_an_instance_that_remembers_its_own(tmp_path):
     assert alone[0]["tracking_error_percent"] != alone[1]["tracking_error_percent"]
 
 
+@pytest.mark.long
 def test_rates_are_what_the_plate_is_told(tmp_path):
     # what is requested is a period of the difference to the rate of before, here added up anew
     path = written(tmp_path, outputs=("rate_phi", "rate_theta"))
@@ -167,6 +169,7 @@ def test_what_fails_is_one_line_and_ends_the_run(tmp_path, bad, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_files_that_are_no_controller_are_named(tmp_path):
     with pytest.raises(ScenarioError, match=r"there is no 'none\.fmu'"):
         run("none.fmu")

@@ -63,6 +63,7 @@ def reference_of(file, name):
             return np.genfromtxt(table, delimiter=",", names=True)
 
 
+@pytest.mark.short("3")
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_fmpy_accepts_it_and_finds_the_commands_of_python(controllers, fmi):
     file = controllers(fmi)
@@ -91,6 +92,7 @@ def under(changes):
     return {key.replace(".", "__"): value for key, value in changes.items()}
 
 
+@pytest.mark.short("3")
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_with_the_rig_it_is_the_run_of_the_twin(controllers, exported, fmi):
     silent = exact("circle", **under(settings(**SILENT)))

@@ -134,6 +134,7 @@ def test_the_description_says_between_which_numbers_a_variable_may_be(fmu):
     assert known["noise"].start == "true"
 
 
+@pytest.mark.short("3")
 def test_the_sources_that_are_listed_make_the_binary(fmu, tmp_path):
     unzipped = Path(fmpy.extract(str(fmu), str(tmp_path)))
     lists = (unzipped / "modelDescription.xml", unzipped / "sources" / "buildDescription.xml")
@@ -302,6 +303,7 @@ def test_equal_scenarios_make_equal_files(tmp_path):
     assert (tmp_path / "b/rig.fmu").read_bytes() != a
 
 
+@pytest.mark.long
 def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypatch):
     monkeypatch.setattr("twin.base.programs.shutil.which", lambda _: None)
     with pytest.warns(bp.BallplateWarning, match=r"source only.*no C compiler"):

@@ -394,6 +394,7 @@ def test_the_plates_height_is_that_of_the_twin(library):
     assert np.abs(there - usual).max() > 1e-4
 
 
+@pytest.mark.short("more0")
 @pytest.mark.parametrize("more", [SPUN, FAR | SPUN])
 def test_a_spin_that_is_free_is_that_of_the_twin(library, more):
     scenario = exact(**more)

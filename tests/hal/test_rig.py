@@ -88,6 +88,7 @@ def test_a_measurement_has_the_shapes_the_interface_promises(rig):
         assert rig.fallen.tolist() == rig.diverged.tolist() == [False] * count(rig)
 
 
+@pytest.mark.short("mujoco*", "own hardware*", "lagrange")
 def test_nothing_moves_before_the_start(rig):
     with rig:
         applied = rig.write(both(rig, 0.01))
@@ -96,6 +97,7 @@ def test_nothing_moves_before_the_start(rig):
     assert np.abs(measurement.y[:, 1::2]).max() < np.radians(0.05)
 
 
+@pytest.mark.short("mujoco", "mujoco, rods", "own hardware*")
 def test_applied_plate_rates_add_up_to_the_measured_plate_angle(rig):
     goal = np.array([[0.08, -0.05], [-0.03, 0.1]])[: count(rig)]
     with rig:
@@ -114,6 +116,7 @@ def test_the_applied_rates_are_what_is_returned_after_every_clamp(rig):
     assert applied == pytest.approx(both(rig, 7.0 * rig.period))
 
 
+@pytest.mark.short("mujoco", "own hardware*", "lagrange")
 def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
     def run_until_it_dies():
         with rig:
@@ -150,6 +153,7 @@ def test_a_rig_that_is_left_without_levelling_stands_still(scenario):
     assert true_plate(rig) == pytest.approx(left, abs=1e-3)
 
 
+@pytest.mark.short("lagrange-0.3", "mujoco--0.3", "own hardware*")
 @pytest.mark.parametrize("rate", [-0.3, 0.3])
 def test_a_plate_that_passes_its_level_as_the_rig_is_left_is_brought_to_rest_there(rig, rate):
     with rig:
@@ -162,6 +166,7 @@ def test_a_plate_that_passes_its_level_as_the_rig_is_left_is_brought_to_rest_the
         assert np.abs(true_state(rig)[:, 3::4]).max() < 0.1  # rad/s, of 0.3
 
 
+@pytest.mark.short("mujoco", "own hardware")
 @pytest.mark.parametrize("kind", [*SIMULATED, "emulated", OWN[0]])
 def test_a_plate_is_levelled_as_it_is_measured_not_as_its_commands_add_up(kind, scenario):
     rig = build(kind, scenario)
@@ -175,6 +180,7 @@ def test_a_plate_is_levelled_as_it_is_measured_not_as_its_commands_add_up(kind, 
     assert np.abs(true_plate(rig)).max() < np.radians(0.1)
 
 
+@pytest.mark.short("lagrange", "mujoco", "own hardware*")
 def test_a_tilted_plate_sends_the_ball_the_way_of_the_thesis(rig):
     with rig:
         rig.start()
@@ -222,6 +228,7 @@ def test_the_plate_is_looked_at_again_every_20_ms_at_any_period(period, scenario
         assert len(seen) == 20
 
 
+@pytest.mark.short("hobby-0.05-0.2")
 @pytest.mark.parametrize(
     ("on", "dead_time", "most"),
     [

@@ -274,6 +274,7 @@ def left_by(log, truth):
     return np.sqrt(np.nanmean(np.where(windows.weight[..., 0] > 0, off, np.nan) ** 2, axis=1))
 
 
+@pytest.mark.short("1120-1200")
 @pytest.mark.parametrize(("first", "lost"), [(0, 1200), (1120, 1200)])
 def test_the_truth_explains_a_log_where_commands_from_before_it_or_a_pause_act(
     axis_log, first, lost
@@ -333,6 +334,7 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
 
 
+@pytest.mark.short("0.0-1e-05", "0.001-*")
 @pytest.mark.parametrize(
     ("across", "most"), [(0.0, 1e-5), (5e-4, 5e-5), (0.001, 3e-5), (0.005, 1e-5), (0.02, 1e-5)]
 )
@@ -421,6 +423,7 @@ def test_a_plate_that_turns_steadily_is_behind_its_angle_by_the_lag_and_no_more(
     assert TiltHistory(measured, 1.0).at(at, lag) == pytest.approx(0.3 * (at - lag), abs=0.3 * 2e-5)
 
 
+@pytest.mark.short("0.9-0.1-True", "0.5-*")
 @pytest.mark.parametrize(
     ("share", "best", "fits"), [(0.98, 0.1, False), (0.9, 0.1, True), (0.5, 0.0, False)]
 )

@@ -78,6 +78,7 @@ def with_offset(log, seconds):
     return replace(log, sampled=log.sampled + seconds)
 
 
+@pytest.mark.short("0.04")
 @pytest.mark.parametrize("offset", [0.04, -0.03])
 def test_clocks_that_differ_by_recording_are_no_drift_at_first_sight(offset):
     first, second = (axis_of(simulate_log(seed, Rig(seconds=30.0))) for seed in (1, 2))
@@ -129,6 +130,7 @@ def test_a_gain_that_changes_with_the_angle_is_found(softening, seed):
     assert float(note.split("gain is ")[1].split(" at small")[0]) == pytest.approx(7.007, rel=0.01)
 
 
+@pytest.mark.short("1")
 @pytest.mark.parametrize("seed", [1, 2])
 def test_next_to_a_bend_the_intervals_hold_what_it_leaves_open(seed):
     rig = draw_rig("softening", seed)

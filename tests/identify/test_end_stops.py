@@ -35,6 +35,7 @@ def between(log):
     return replace(log, stops=find_end_stops(log, look_first(log)))
 
 
+@pytest.mark.long
 def test_walls_restitution_and_touches_of_a_tube_are_found(tube):
     log = between(tube)
     assert log.stops.low == pytest.approx(-TUBE.stop, abs=1e-3)
@@ -69,6 +70,7 @@ def test_walls_at_which_a_ball_only_bounces_are_found(rate):
     assert log.touching.mean() < 0.15
 
 
+@pytest.mark.short("rig1")
 @pytest.mark.parametrize("rig", [Rig(), Rig(rate=30.0), Rig(friction=0.1), Rig(presliding=1e-3)])
 def test_a_ball_that_turns_without_a_wall_touches_none(rig):
     log = between(axis_of(7, rig))

@@ -79,6 +79,7 @@ def test_the_plain_model_gives_its_numbers_with_intervals(log):
     assert "friction from damping" in note
 
 
+@pytest.mark.long
 def test_between_end_stops_a_rolling_ball_shows_friction_and_camber():
     time, sampled, ball, command, _ = simulate_log(1, TUBE)
     log = AxisLog(time, command, True, sampled, ball)
@@ -152,6 +153,7 @@ def test_a_lever_is_part_of_what_the_plain_model_leaves_open(axis_log):
         assert gain.low < 6.0 < gain.high
 
 
+@pytest.mark.long
 def test_a_lever_is_part_of_what_a_rolling_ball_leaves_open(axis_log):
     rig = {"gain": 6.0, "dead_time": 0.05, "lag": 0.06, "level": 0.05, "camber": 0.2}
     time, ball, angle = axis_log(
@@ -207,6 +209,7 @@ def test_the_gain_of_a_rolling_ball_holds_on_tubes():
     assert held == told
 
 
+@pytest.mark.short("821")
 @pytest.mark.parametrize("seed", [821, 822])
 def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
     """At rest friction balances the tilt, so that all windows together give a small gain."""

@@ -295,6 +295,7 @@ def test_a_bracket_of_a_profile_gives_the_draws_of_the_whole_profile(fit):
         assert high[0] == pytest.approx(high[1], abs=0.02 * abs(fit.value("gain")))
 
 
+@pytest.mark.long
 def test_a_parameter_that_acts_is_significant_and_one_that_does_not_is_not(axis_log, log, fit):
     assert find_significance(fit, "camber") < 3.5
     bent = axis_log(3, seconds=25, rate=60.0, pixel=0.0, camber=0.8, **TRUTH)
@@ -304,6 +305,7 @@ def test_a_parameter_that_acts_is_significant_and_one_that_does_not_is_not(axis_
     assert find_significance(cambered, "camber") > 10
 
 
+@pytest.mark.long
 def test_intervals_include_what_a_term_that_is_left_out_would_change(axis_log):
     """The next step of a fit by one term more is what a fit with that term finds."""
     bent = axis_log(3, seconds=25, rate=60.0, pixel=0.0, camber=0.1, **TRUTH)

@@ -242,6 +242,7 @@ def test_windows_that_no_replay_explains_do_not_pull_the_fit_to_where_it_explain
     assert rise == pytest.approx((problem.weights(r) * r[..., 0] ** 2).sum(), rel=1e-4)
 
 
+@pytest.mark.long
 def test_a_window_in_which_the_ball_creeps_at_first_is_told_from_one_in_which_it_rests():
     model, names = BallPlate(), ("rolling", "breakaway", "delay", "level_phi", "level_theta")
     rng, bins = np.random.default_rng(3), 60
@@ -312,6 +313,7 @@ def test_a_servo_solves_its_first_order_equation():
             truth = truth + step * np.array([truth[1], (command[k, 0] - truth[1]) / lag])
 
 
+@pytest.mark.long
 def test_a_replay_rolls_as_the_exact_plant_does():
     model, friction = BallPlate(), Friction(rolling=2e-4, breakaway_ratio=1.5)
     plant = ExactPlant(model, rigs=1, step=0.001, friction=friction)
@@ -385,6 +387,7 @@ def test_a_ball_that_creeps_does_not_rest(creep, count):
         assert 3.8 < last < 4.1
 
 
+@pytest.mark.long
 def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_say():
     rng, truth, covered = np.random.default_rng(5), np.array([1.0, -2.0]), 0
     for _ in range(200):
@@ -398,6 +401,7 @@ def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_sa
     assert 180 <= covered <= 199
 
 
+@pytest.mark.short("False-*")
 @pytest.mark.parametrize(("white", "least", "most"), [(False, 0.3, 0.7), (True, 0.85, 1.0)])
 def test_white_residuals_give_widths_that_two_logs_agree_in_and_that_hold(white, least, most):
     slopes = np.random.default_rng(7).normal(size=(10, 40, 5))

@@ -46,6 +46,7 @@ def shifted_back(time):
     return time - 3.0 * (np.arange(len(time)) >= 5000)
 
 
+@pytest.mark.short("changes[1358]-*")
 @pytest.mark.parametrize(
     ("changes", "says"),
     [

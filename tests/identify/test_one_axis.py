@@ -189,6 +189,7 @@ def test_a_level_of_one_axis_writes_no_minus_zero():
     assert found.settings({"identified"})["plant.level_deg"].endswith(", 0]")
 
 
+@pytest.mark.long
 def test_a_twin_next_to_a_run_takes_rows_without_a_second_axis(short):
     done, _ = short
     rows = {name: done[name] for name in done}

@@ -47,6 +47,7 @@ def test_five_numbers_are_those_of_a_rig_that_has_no_more(plain):
     assert plain.value("viscous") == pytest.approx(PLAIN.viscous, abs=0.06)
 
 
+@pytest.mark.long
 def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
     fitted, unseen = axis_of(1, PLAIN), axis_of(2, PLAIN)
     rival = fit_five_numbers_by_scipy(fitted.time, fitted.tilt, fitted.sampled, fitted.ball)
@@ -151,6 +152,7 @@ def test_noise_of_a_log_that_is_explained_is_no_model_error(monkeypatch, plain):
     assert axis_prediction.refit_for_prediction(plain, 2.5) is plain
 
 
+@pytest.mark.long
 def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):
     noisy = axis_of(3, replace(PLAIN, noise=2e-3, seconds=30.0))
     given = AxisPredictor((replace(plain, log=noisy),))
@@ -222,6 +224,7 @@ def test_five_numbers_know_end_stops_though_no_window_is_without_a_touch():
     assert found.log.stops is stops
 
 
+@pytest.mark.long
 def test_five_numbers_are_fitted_to_all_of_a_log(monkeypatch):
     log, begun = axis_of(1, replace(PLAIN, seconds=8.0)), []
 
@@ -270,6 +273,7 @@ def test_each_half_is_predicted_by_a_fit_of_the_other(plain):
     assert np.nanmedian(np.abs(errors)) < 2e-3
 
 
+@pytest.mark.long
 def test_a_log_without_a_full_fit_is_predicted_by_five_numbers(monkeypatch):
     def refuse(*_):
         raise LogError("2 stretches")

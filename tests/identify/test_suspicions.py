@@ -62,6 +62,7 @@ def test_counts_are_no_wrong_unit(log):
     assert suspected(replace(log, tilt=math.degrees(1) * log.tilt), unit="count") == []
 
 
+@pytest.mark.short("*-solid")
 @pytest.mark.parametrize(
     ("share", "assumed", "name"), [(SOLID, HOLLOW, "solid"), (HOLLOW, SOLID, "hollow")]
 )
@@ -73,6 +74,7 @@ def test_a_ball_that_is_not_the_assumed_one_is_named(share, assumed, name):
     assert suspected(log, share) == []
 
 
+@pytest.mark.long
 def test_exchanged_axes_are_named_and_the_right_ones_are_not(log):
     both = {"x": log, "y": axis_of(2, Rig(seconds=25.0), -1.0)}
     assert not are_axes_exchanged(both)
@@ -85,6 +87,7 @@ def test_exchanged_axes_are_named_and_the_right_ones_are_not(log):
     assert "the axes look exchanged" in found
 
 
+@pytest.mark.short("0.0005")
 @pytest.mark.parametrize("drift", [5e-4, -5e-4])
 def test_a_clock_that_drifts_shows_at_first_sight_in_a_long_log(drift):
     log = axis_of(4, Rig(seconds=90.0, drift=drift))

@@ -310,6 +310,7 @@ def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, 
         ran(small, changed, tmp_path, Store(tmp_path / "kept"))
 
 
+@pytest.mark.short("1 / 0-*", "import twin.sim-*")
 @pytest.mark.parametrize(
     ("line", "words"),
     [

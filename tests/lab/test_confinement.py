@@ -394,6 +394,7 @@ def f():
         assert process.last_printed() == ["mine"]
 
 
+@pytest.mark.short("open(f'{n}.txt'*")
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -410,6 +411,7 @@ def test_an_answer_that_fills_its_folder_is_stopped(tmp_path: Path, line: str, s
     assert said in str(caught.value)
 
 
+@pytest.mark.short("while*")
 @pytest.mark.parametrize("line", ["while True: pass", "__import__('time').sleep(60)"])
 def test_a_loop_at_import_is_named_as_one(tmp_path: Path, line: str) -> None:
     file, limits = tmp_path / "answer.py", AnswerLimits(loading_s=0.3)

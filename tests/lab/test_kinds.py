@@ -92,6 +92,7 @@ def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Pat
     assert off["score"] == round(4 * min(max((0.003 - worst) / 0.002, 0), 1), 2)
 
 
+@pytest.mark.short("return 3-*", "return 1 / 0-*", "import os, __main__*")
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -154,6 +155,7 @@ ABOUT = AnswerTable(kind="observer", file="answer.py", seconds=5.0)
 SETTINGS = ["duration=0.4", "metrics.start=0", "plant.start.x=0.05", "controller.period=0.002"]
 
 
+@pytest.mark.short("law")
 @pytest.mark.parametrize(
     ("about", "key", "text", "rigs"),
     [
@@ -181,6 +183,7 @@ def test_an_answer_in_a_process_of_its_own_gives_the_same_bits(
     assert len({one["rms_distance"] for one in here}) == rigs
 
 
+@pytest.mark.short("return self.x*", "self.true-*")
 @pytest.mark.parametrize(
     ("line", "said"),
     [

@@ -354,6 +354,7 @@ def test_what_an_answer_may_not_do_fails_with_one_line(tmp_path: Path, line: str
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_an_answer_that_prints_too_much_keeps_its_points_with_a_remark(tmp_path: Path) -> None:
     lab, file = read(MINI), tmp_path / "answer.py"
     mark = "        wanted ="

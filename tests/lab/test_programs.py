@@ -59,6 +59,7 @@ def feedback(time: float, numbers: np.ndarray) -> Feedback:
     return Feedback(time, x, equivalent, none, rate, requested, PATH, none)
 
 
+@pytest.mark.short("script")
 @pytest.mark.parametrize("example", [compiled, script])
 def test_the_examples_give_what_the_same_law_gives_in_numpy(tmp_path, example) -> None:
     about = example(tmp_path)
@@ -126,6 +127,12 @@ def test_an_observer_may_be_a_program(tmp_path) -> None:
         assert observer.equivalent.tolist() == [[2.5] * 8, [12.5] * 8]
 
 
+@pytest.mark.short(
+    "    if what: sys.exit()-*",
+    "    if what: say(0, 0)-*",
+    "    if what: say(float('nan')*",
+    "    if what: print('hello')*",
+)
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
@@ -171,6 +178,7 @@ def test_a_program_that_cannot_be_begun_is_told_in_one_line(tmp_path) -> None:
                         command=("node",))  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 def test_a_program_reads_nothing_of_the_rigs_and_writes_nowhere_else(tmp_path) -> None:
     if not shut_in_here():

@@ -40,6 +40,7 @@ def played(driven, tmp_path_factory):
     return driven(load("hold"), script, 700), folder
 
 
+@pytest.mark.long
 def test_goals_and_changes_of_the_rig_are_a_scenario_that_runs_to_the_same_bits(driven, tmp_path):
     script = {
         50: [Goal(0.1, 0.05)],
@@ -95,6 +96,7 @@ def test_a_push_changes_the_ball_and_nothing_else(driven):
     assert np.abs(jump[[0, 2, 4, 6]]).max() < 1e-3
 
 
+@pytest.mark.long
 def test_another_law_goes_on_from_this_moment(played):
     session, _ = played
     assert session.driven.scenario.controller.kind == "pole_placement"
@@ -139,6 +141,7 @@ def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
     assert (folder / "picture.png").stat().st_size > 10_000
 
 
+@pytest.mark.short("0.65-lqr")
 @pytest.mark.parametrize(("at", "law"), [(0.65, "lqr"), (1.3, "pole_placement")])
 def test_whatif_goes_on_from_it_with_the_law_of_the_moment(played, at, law):
     _, folder = played

@@ -1,4 +1,8 @@
-"""A part of the long tests that fits into some minutes.
+"""Which tests are long, and a part of them that fits into some minutes.
+
+A test marked ``short("circle", "*-mujoco")`` has only the cases of these names, or like these
+patterns, among the short tests; all its others are long. Properties that Hypothesis tries are short
+tests with a few examples, and long ones with as many as it draws by itself.
 
 ``--within`` begins no more of them after some minutes, so that whoever waits knows for how long;
 what it leaves out is said. ``--order`` makes it another part every time.
@@ -7,6 +11,7 @@ what it leaves out is said. ``--order`` makes it another part every time.
 import hashlib
 import time
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 
 import pytest
 
@@ -39,10 +44,30 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Put whole files into the order of a word."""
+    """Mark what is long, and put whole files into the order of a word."""
+    _mark_long(items, chosen=any("::" in each for each in config.args))
+    if config.option.markexpr == "long":
+        for item in items:
+            if getattr(getattr(item, "function", None), "is_hypothesis_test", False):
+                item.add_marker("long")
     yield
     if config.option.order:
         items.sort(key=lambda item: _shuffled(f"{config.option.order} {item.path.name}"))
+
+
+def _mark_long(items: list[pytest.Item], *, chosen: bool) -> None:
+    """Mark the cases that no mark ``short`` names; each pattern must name one, unless chosen."""
+    named, stated = set[str](), set[str]()
+    for item in items:
+        if mark := item.get_closest_marker("short"):
+            test, _, case = item.nodeid.removesuffix("]").partition("[")
+            found = [each for each in mark.args if fnmatchcase(case, each)]
+            if not found:
+                item.add_marker("long")
+            named.update(f"{test}: {each}" for each in found)
+            stated.update(f"{test}: {each}" for each in mark.args)
+    if not chosen and named != stated:
+        raise pytest.UsageError(f"no case of these marks `short`: {sorted(stated - named)}")
 
 
 def _shuffled(word: str) -> str:

@@ -36,6 +36,7 @@ def columns(found, name):
     return found.record[name][:, 0]
 
 
+@pytest.mark.short("lagrange-plant.friction*", "mujoco-rig*", "lagrange-sensors.touch.lost*")
 @pytest.mark.parametrize(
     ("plant", "key", "value"),
     [
@@ -189,6 +190,7 @@ EVERY = {
 QUICK = {("mujoco", "plant.level_deg")}
 
 
+@pytest.mark.short("*camber0")
 @pytest.mark.parametrize("camber", [(), ("plant.camber=[0.3,-0.2]",)])
 @pytest.mark.parametrize(
     ("plant", "key"),

@@ -116,6 +116,7 @@ class Alone(ballplate.laws.Law):
         return -50 * now.x[..., 2::4] - 14 * now.x[..., 3::4]
 
 
+@pytest.mark.long
 def test_a_law_that_acts_by_command_alone_may_take_its_time():
     """Neither the warning of a linear loop nor a snapshot asks it for what it has not."""
     keys = {"controller.computing_time": 0.005, "controller.period": 0.01, "duration": 5.1}

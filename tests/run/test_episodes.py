@@ -55,6 +55,7 @@ def rates(step, count):
     return 0.05 * np.random.default_rng(step).standard_normal((count, 2))
 
 
+@pytest.mark.short("mixed-*")
 @pytest.mark.parametrize(
     ("make", "others", "count", "fixed"),
     [

@@ -89,6 +89,7 @@ def seen(picture, colour=BLUE):
 PLACES = [(0.0, 0.0), (0.21, 0.0), (0.0, 0.12), (-0.25, -0.13), (0.3, 0.1), (0.3017, -0.0503)]
 
 
+@pytest.mark.short("place0-*", "place6-*")
 @pytest.mark.parametrize(("place", "size"), [*((place, 600) for place in PLACES), (PLACES[1], 480)])
 def test_the_ball_is_seen_where_it_was_recorded(place, size):
     picture = frames(told([place] * 30), size=size, seconds=0.05)[0]  # at rest: without a trail
@@ -114,6 +115,7 @@ def test_a_plate_of_another_shape_is_not_stretched(size):
     assert (left + right) / 2 == pytest.approx(16 + 249 + 0.1 * per_metre, abs=1.5)
 
 
+@pytest.mark.long
 def test_a_round_plate_is_a_circle_and_a_fallen_ball_lies_at_its_rim():
     rig = {"size": (0.3, 0.3), "shape": "round", "ball": {"radius": 0.005, "inertia": 1e-7}}
     rolls = told([(0.10, 0.10), (0.12, 0.12)], rig=rig, outcome="fell")
@@ -143,6 +145,7 @@ def test_the_ball_moves_from_frame_to_frame_as_recorded():
         np.testing.assert_allclose(found, expected, atol=2e-3)
 
 
+@pytest.mark.short("phi-1", "theta--1")
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("axis", ["phi", "theta"])
 def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far_one(axis, sign):
@@ -158,6 +161,7 @@ def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far
     assert (last - first) * sign > 0
 
 
+@pytest.mark.long
 def test_balls_in_one_place_are_all_seen_in_their_colours():
     picture = frames(*[told([(0.1, 0.05)] * 9)] * 6, seconds=0.05)[0]
     for colour in RUN_COLOURS[1:6]:
@@ -184,6 +188,7 @@ def test_a_ball_that_fell_is_a_cross_where_it_was_seen_last_while_the_others_go_
     np.testing.assert_allclose(found, (0.28, 0.0), atol=2e-3)
 
 
+@pytest.mark.long
 def test_where_nothing_is_known_nothing_is_drawn_and_the_rest_is():
     ball = np.full((200, 2), np.nan)
     ball[:50] = ball[150:] = (-0.1, 0.05)
@@ -204,6 +209,7 @@ def circle():
     return run(load("circle", CIRCLE))
 
 
+@pytest.mark.short(".gif")
 @pytest.mark.parametrize("ending", FILM_SUFFIXES)
 def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
     circle, tmp_path, ending
@@ -318,6 +324,7 @@ def test_more_runs_than_colours_are_refused(circle):
         Film({str(i): circle for i in range(7)}, Cut())
 
 
+@pytest.mark.long
 def test_a_run_is_shown_beside_a_run(circle, tmp_path, ballplate):
     record_run(circle, tmp_path / "runs" / "circle")
     code, out, _ = ballplate(

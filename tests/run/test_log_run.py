@@ -88,6 +88,7 @@ def test_a_log_that_cannot_be_meant_is_refused(tmp_path, header, factor, words):
             read_log(path)
 
 
+@pytest.mark.long
 def test_a_log_of_commands_in_columns_of_any_name_lies_on_the_run_it_was_taken_from(made, tmp_path):
     """A camera of 50 frames/s that sees half millimetres, and the angles that were commanded."""
     rows, period = made.rows, 0.002

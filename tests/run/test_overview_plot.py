@@ -93,6 +93,7 @@ def test_the_legend_has_the_runs_that_can_be_told_apart():
     assert words(figure)[LOOK_COUNT].startswith("reference")
 
 
+@pytest.mark.short("cost $5, $6_2", "__")
 @pytest.mark.parametrize("name", ["$\\foo$", "\\frac{", "cost $5, $6_2", "_a", "__", "a$", "x_1^{"])
 def test_a_run_s_name_stands_in_the_legend_as_it_was_typed(name):
     figure = picture({name: motion(), "b": motion(0.05)}, name, PLATE)
@@ -100,6 +101,7 @@ def test_a_run_s_name_stands_in_the_legend_as_it_was_typed(name):
     figure.draw_without_rendering()  # its text is laid out, a formula would be refused
 
 
+@pytest.mark.long
 def test_characters_that_no_font_has_are_boxes_and_one_warning():
     pictures._warn_of_glyphs.cache_clear()
     runs = {"\u7403 \xe9\u03bb": motion(), "b": motion(0.05)}
@@ -132,6 +134,7 @@ def parts(figure):
     ]
 
 
+@pytest.mark.short("many")
 @pytest.mark.parametrize(
     ("runs", "title"),
     [
@@ -225,6 +228,7 @@ def test_from_a_round_plate_a_ball_has_gone_beyond_its_circle():
     assert (rim.width, rim.height, *rim.center) == (300, 300, 0, 0)
 
 
+@pytest.mark.short("plate", "effort")
 @pytest.mark.parametrize("name", PANEL_PLACES)
 def test_a_single_panel_has_the_width_asked_for_its_lines_and_their_legend(name):
     figure = pictures.panel({"one": motion(), "two": motion(0.05)}, name, PLATE, 88)
@@ -248,6 +252,7 @@ def test_a_single_panel_shows_what_the_picture_shows():
         assert np.array_equal(mine.get_xydata(), whole.get_xydata())
 
 
+@pytest.mark.long
 def test_panels_of_a_list_stand_below_each_other_with_one_legend_of_all():
     runs = {"one": motion(), "two": motion(0.05)}
     single = [pictures.panel(runs, name, PLATE, 88) for name in ("plate", "angle")]
@@ -270,6 +275,7 @@ def saved(figure, kind):
     return content.getvalue()
 
 
+@pytest.mark.long
 def test_text_of_a_saved_figure_is_text_in_fonts_that_journals_accept():
     for figure in (
         pictures.panel({"one": motion()}, "error", PLATE, 88),

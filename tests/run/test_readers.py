@@ -207,6 +207,7 @@ def bomb_hdf5(path):
 BOMBS = {".npz": bomb_npz, ".npy": bomb_npy, ".mat": bomb_mat, ".h5": bomb_hdf5}
 
 
+@pytest.mark.short(".npy", ".h5", ".npz")
 @pytest.mark.parametrize("ending", BOMBS)
 def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path, ending, monkeypatch):
     file = tmp_path / f"bomb{ending}"
@@ -440,6 +441,7 @@ def test_damaged_metadata_of_an_exported_run_are_one_line(tmp_path, text):
         read_log_of_run(file)
 
 
+@pytest.mark.short("True")
 @pytest.mark.parametrize("own", [True, False])
 def test_the_export_to_csv_states_that_it_leaves_out_a_ball_of_ones_own(tmp_path, capsys, own):
     import ballplate

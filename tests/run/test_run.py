@@ -37,6 +37,7 @@ def test_with_ideal_sensors_the_sampled_loop_follows_the_continuous_one(scenario
         assert done.motion.ball[tick] == pytest.approx(expected[0::4], abs=5e-5)
 
 
+@pytest.mark.long
 def test_a_rig_stopped_at_its_limits_levels_the_plate_and_says_why(scenario):
     done = run(
         scenario(

@@ -95,6 +95,14 @@ QUICK = {"afl_integral", "sliding_mode", "stable_inversion"}
 OBSERVERS = sorted(catalog(Observer))
 
 
+@pytest.mark.short(
+    "lagrange-keys1",
+    "lagrange-keys17",
+    "lagrange-keys19",
+    "mujoco-keys29",
+    "lagrange-keys32",
+    "lagrange-keys14",
+)
 @pytest.mark.parametrize(
     ("plant", "keys"),
     [

@@ -53,6 +53,7 @@ def same(one: Run, other: Run) -> bool:
     return bits and [*one.rows] == [*other.rows] and one.metrics == other.metrics
 
 
+@pytest.mark.short("kalman-mujoco", "kalman-lagrange", "ekf-lagrange")
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 @pytest.mark.parametrize("observer", LAWS)
 def test_runs_of_a_batch_have_the_bits_that_they_have_alone(kind: str, observer: str) -> None:
@@ -74,6 +75,7 @@ def test_a_large_batch_of_mechanisms_has_the_bits_of_each_alone() -> None:
         assert same(done, finished.run(some[number]))
 
 
+@pytest.mark.long
 def test_a_ball_that_falls_has_the_record_that_it_has_alone_and_spares_its_neighbours() -> None:
     still = scenarios("lagrange", "luenberger", 0.5)[:3]
     fast = ["plant.kind=lagrange", "duration=0.5", "plant.start.x=0.34", "plant.start.x_rate=2.0"]

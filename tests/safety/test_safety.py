@@ -100,6 +100,7 @@ def test_every_cause_and_function_that_a_row_names_is_there():
     assert names <= {*OF_DRIVES, *OF_RIG, *ROW_FUNCTIONS}
 
 
+@pytest.mark.long
 def test_a_run_that_nothing_happens_to_would_fail_a_row(monkeypatch):
     case = CASES[NUMBER["The STO input of drive phi opens"]]
     idle = type(case)(name="nothing", act=lambda rig: None, expected=case.expected)

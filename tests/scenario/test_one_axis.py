@@ -278,6 +278,7 @@ def test_an_opened_run_of_one_axis_is_the_run_that_was_made(line):
     assert set(opened.rows) >= {"true_y", "measured_theta", "applied_theta_acc"}
 
 
+@pytest.mark.long
 def test_its_picture_has_neither_plate_nor_y(line):
     opened = bp.load(line)
     figure = opened.plot()

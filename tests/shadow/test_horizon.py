@@ -84,6 +84,7 @@ def take_in(screen, rows, A, b, until):
     screen.learn(rows, expected + covariance @ (b - A @ expected), covariance, until)
 
 
+@pytest.mark.long
 def test_ways_one_by_one_say_of_the_map_what_they_say_at_once(uneven):
     screen = FrictionMap(uneven[1])
     information = np.linalg.inv(screen.covariance + 1e-10 * np.eye(len(screen.mean)))
@@ -137,6 +138,7 @@ def test_a_screen_long_not_seen_is_a_new_one(uneven):
     assert prior - screen.covariance == pytest.approx(np.exp(-1.0) * (prior - known), abs=1e-12)
 
 
+@pytest.mark.long
 def test_what_two_ways_share_is_learnt_once(uneven, monkeypatch):
     log, belief = uneven
     learnt, learn = [], FrictionMap.learn

@@ -89,6 +89,7 @@ def test_many_small_signs_are_an_alarm_and_a_few_large_ones_are_not(belief):
         assert ratio[:20].max() < LATE_LLR / 3
 
 
+@pytest.mark.long
 def test_healthy_windows_raise_no_dead_time_alarm_and_the_old_threshold_did(belief):
     # windows of rigs with even screens scatter as they say, and each by itself
     rng = np.random.default_rng(12)
@@ -100,6 +101,7 @@ def test_healthy_windows_raise_no_dead_time_alarm_and_the_old_threshold_did(beli
     assert np.exp(-LATE_LLR) * 24 * DEAD_TIME_TEST.windows_per_hour == pytest.approx(1)
 
 
+@pytest.mark.short("gain-0.002")
 @pytest.mark.parametrize(("name", "sd"), [("lag", 1e-4), ("rolling", 2e-6), ("gain", 2e-3)])
 def test_a_change_beyond_the_resolution_is_an_alarm_and_one_within_it_is_none(belief, name, sd):
     cause = {"lag": "servo lag", "rolling": "rolling friction", "gain": "tilt gain"}[name]
@@ -158,6 +160,7 @@ def mixed(seed, late, off, count=60):
     return Evidence.of(names, spans, turned @ slopes, (turned @ seen)[..., 0], stopping=stopping)
 
 
+@pytest.mark.short("20")
 @pytest.mark.parametrize("off", [0, 20])
 def test_windows_in_which_friction_seems_far_off_are_no_dead_time_and_hide_none(belief, off):
     # found on a healthy rig: alone such windows say little of the dead time, with others much

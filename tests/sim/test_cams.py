@@ -100,6 +100,7 @@ def test_integrated_rates_bring_both_axes_within_a_twentieth_of_a_degree(table):
     assert static_error(table, lines=6) < 0.05
 
 
+@pytest.mark.long
 def test_one_table_per_axis_leaves_the_cross_coupling_over(table):
     assert 0.2 < static_error(table.per_axis(), lines=4) < 0.4
 

@@ -281,6 +281,7 @@ def test_a_dead_time_that_comes_or_grows_lets_a_servo_stand_and_one_that_ends_le
     assert turned(drives, [0.3] * 40).sum() == pytest.approx(40 * one + 0.05 * 0.3, abs=1e-9)
 
 
+@pytest.mark.long
 def test_without_encoders_a_law_asks_the_same_of_late_drives_as_of_a_later_screen():
     """And the ball does the same, later by as much."""
     common = (

@@ -19,6 +19,7 @@ MODEL = BallPlate()
 LINKAGE = Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045))
 
 
+@pytest.mark.long
 def test_cranks_that_ramp_take_the_plate_where_the_linkage_does_without_drift():
     plant = ExactPlant(step=0.001, linkage=LINKAGE)
     rate = before = crank = np.zeros(2)
@@ -57,6 +58,7 @@ def test_a_table_made_of_a_linkage_takes_the_plate_where_that_does(axis, rows, m
     assert plants[0].state[0, 3::4] == pytest.approx(plants[1].state[0, 3::4], abs=0.05)
 
 
+@pytest.mark.long
 def test_a_table_of_a_straight_line_is_a_gain():
     keys = ["plant.kind=lagrange", "duration=0.5", "metrics.start=0"]
     line = [f"plant.linkage.{axis}_deg=[[-40,-{t}],[20,{t / 2}],[40,{t}]]" for axis, t in
@@ -165,6 +167,7 @@ def test_random_states_move_as_the_models_derivative_under_coulomb_friction_says
 ROLLING, TILTED = {"friction": Friction(rolling=2e-4)}, {"level": (0.01, -0.02)}
 
 
+@pytest.mark.short("about[0-3]", "about[56]")
 @pytest.mark.parametrize(
     "about",
     [
@@ -208,6 +211,7 @@ CAMBER = ("plant.camber=[0.35,-0.5]", "plant.start.x=0.05", "plant.start.y=-0.1"
 SMOOTH = ("plant.friction.rolling_mm=0", "plant.step=0.002")
 
 
+@pytest.mark.short("mujoco-*", "lagrange-steel")
 @pytest.mark.parametrize("ball", ["hollow", "steel"])
 @pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
 def test_on_a_level_plate_with_camber_the_ball_moves_as_a_hyperbolic_cosine(kind, ball):

@@ -150,6 +150,7 @@ def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig(mechanism):
     )
 
 
+@pytest.mark.short("cams*", "rods*")
 def test_the_servo_does_not_droop_under_the_spring(mechanism):
     plant = mechanism()
     plant.start(BESIDE)
@@ -303,6 +304,7 @@ def test_mass_and_inertia_of_another_plate_are_those_of_a_slab_of_its_shape(side
         assert found == pytest.approx(np.diag(moments), rel=7e-3, abs=1e-4)
 
 
+@pytest.mark.short("cams-0.02", "rods-None", "round *-0.25")
 @pytest.mark.parametrize("height", [None, 0.02, 0.25])
 def test_a_ball_on_a_plate_that_moves_follows_the_exact_equations(mechanism, height):
     parts = replace(mechanism.keywords["parts"] or Parts(), height=height)
@@ -370,6 +372,7 @@ def test_dry_friction_of_the_plates_joints_is_lost_motion_that_presses_the_wheel
     assert width[1] - width[0] == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.short("cams", "round rods")
 def test_many_rigs_are_seen_as_the_engines_own_sensors_see_one(mechanism):
     rate = np.array([0.9, -0.6])
     one, many = mechanism(rigs=1), mechanism(rigs=20)
@@ -423,6 +426,7 @@ def ringing(true_rate):
     return max(last[-round(1 / PERIOD) :])
 
 
+@pytest.mark.long
 def test_feedback_of_the_true_plate_rate_excites_the_resonance_and_of_the_commanded_does_not():
     assert ringing(true_rate=True) > 0.1
     assert ringing(true_rate=False) < 0.02

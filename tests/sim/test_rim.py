@@ -63,6 +63,7 @@ def test_a_ball_on_a_tilted_plane_bounces_as_the_closed_form_does(rigs, restitut
     assert (rolled(other, [0.02, 0.0, 0.03, 0.0], 1500)[..., 0] == -x[..., 0]).all()
 
 
+@pytest.mark.short("0.5-*")
 @pytest.mark.parametrize("rounded", [False, True])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_the_energy_of_a_ball_never_grows(restitution, rounded):

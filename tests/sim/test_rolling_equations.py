@@ -175,6 +175,7 @@ def plate_rates(time):
     return size * np.stack((np.cos(9.0 * time), -np.sin(9.0 * time)), axis=-1)
 
 
+@pytest.mark.short("True")
 @pytest.mark.parametrize("linked", [False, True])
 def test_the_plant_goes_where_an_integrator_of_its_own_takes_the_sphere(linked):
     """By a method of order 8 at tolerances of 1e-12, one ramp of the plate's rates at a time."""
@@ -219,6 +220,7 @@ def integrated(kind, angles, seconds):
     return solve_ivp(slope, times, np.zeros(5), "DOP853", rtol=1e-9, max_step=0.01).y[[0, 2], -1]
 
 
+@pytest.mark.short("1")
 @pytest.mark.parametrize("sense", [1, -1])
 def test_the_mechanism_has_the_term_and_a_spin_that_is_free(sense):
     """Its ball on a plate that swings far and fast, beside that of each of the equations.

@@ -81,6 +81,7 @@ def seeded(monkeypatch, about: Study, seed: int) -> np.ndarray:
     return quantiles(about)
 
 
+@pytest.mark.long
 def test_the_95_percent_intervals_of_sobol_indices_hold_the_truth_in_95_percent(monkeypatch):
     v1, v2, v13 = ISHIGAMI_VARIANCES
     truth = np.array([v1 + v13, v2, v13]) / (v1 + v2 + v13)
@@ -128,6 +129,7 @@ def test_sobol_indices_of_ishigamis_function_are_those_in_closed_form(tmp_path) 
     assert all(index.decided for index in found.indices)
 
 
+@pytest.mark.long
 def test_the_interval_of_an_index_holds_the_truth_and_an_undecided_one_is_called_so(
     tmp_path,
 ) -> None:
@@ -158,6 +160,7 @@ def test_rank_correlation_of_a_rising_function_of_one_parameter_is_one(tmp_path,
     assert [index.decided for index in found.indices] == [True, False, False]
 
 
+@pytest.mark.long
 def test_a_parameter_without_effect_is_negligible_and_not_undecided(tmp_path) -> None:
     about = study("sobol", 64)
     found = answered(about, lambda a, b, c: a + 2 * b + 0.01 * c, tmp_path)
@@ -171,6 +174,7 @@ def test_a_study_whose_runs_are_all_alike_has_no_indices_and_says_why(tmp_path) 
     assert found.notes == ("no indices, because the runs of a design do not differ",)
 
 
+@pytest.mark.long
 def test_the_chance_to_fail_counts_points_that_were_drawn_and_not_their_mixtures(tmp_path):
     # who fails by one parameter alone fails at almost every mixture of a point, too
     about = study("sobol", 64)

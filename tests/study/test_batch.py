@@ -41,6 +41,7 @@ def scenarios(kind: str, count: int, duration: float, *more: str) -> list[Scenar
     return found
 
 
+@pytest.mark.short("mujoco")
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
     all_of_them = scenarios(kind, 10, 0.24)
@@ -62,6 +63,7 @@ def test_the_cure_gives_the_same_bits_beside_other_references() -> None:
     assert simulate(rigs) == [simulate([rig])[0] for rig in rigs]
 
 
+@pytest.mark.long
 def test_a_ball_that_falls_leaves_its_neighbours_alone() -> None:
     still = scenarios("lagrange", 3, 0.5)
     (flung,) = scenarios("lagrange", 1, 0.5, "plant.start.x=0.34", "plant.start.x_rate=2.0")
@@ -79,6 +81,7 @@ def test_a_law_that_asks_for_nonsense_is_stopped_and_spoils_no_neighbour(take_in
     assert (found[1]["outcome"], found[1]["rms_error"]) == ("aborted", None)
 
 
+@pytest.mark.long
 def test_a_foreign_law_that_multiplies_all_rows_at_once_has_the_same_bits_in_any_batch(
     take_in,
 ) -> None:

@@ -62,6 +62,7 @@ def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> N
     assert "on 7 processors" in " ".join(out.split())
 
 
+@pytest.mark.long
 def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     code, out, err = study("short.toml", "--processes", "1")
     assert code == 0
@@ -92,6 +93,7 @@ def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     ]
 
 
+@pytest.mark.short("grid")
 @pytest.mark.parametrize("method", ["grid", "lhs"])
 def test_what_is_said_to_be_written_is_there_and_nothing_else(study, tmp_path, method) -> None:
     (tmp_path / "short.toml").write_text(STUDY.replace('"grid"', f'"{method}"\nsamples = 2'))
@@ -115,6 +117,7 @@ uniform = [0.01, 0.05]
 """
 
 
+@pytest.mark.long
 def test_a_screened_study_says_what_ran_on_which_plant(study, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("twin.study.compiled.knows", lambda scenario: False)  # nothing to compile
     (tmp_path / "screened.toml").write_text(SCREENED)

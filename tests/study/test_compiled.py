@@ -69,6 +69,7 @@ def motion(of: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return record["state"][:, 0], record["applied"][:, 0]
 
 
+@pytest.mark.short("held", "camera")
 @pytest.mark.parametrize(
     "rig",
     [pytest.param(each, marks=[pytest.mark.long] if each in SURFACED else []) for each in RIGS],
@@ -107,6 +108,7 @@ def test_a_ball_that_falls_in_the_last_period_has_fallen():
     assert [row["outcome"] for row in found] == expected[around]
 
 
+@pytest.mark.short("camera")
 @pytest.mark.parametrize("rig", ["held", "camera", "vibration", "drives"])
 def test_a_rig_has_the_same_bits_alone_and_next_to_others(rig):
     of, falls = scenario("seed=3", *RIGS[rig]), scenario(*RIGS[rig], *FALLING)

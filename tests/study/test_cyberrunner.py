@@ -103,6 +103,7 @@ def test_what_is_kept_is_of_the_functions_that_made_it(monkeypatch):
     assert len(set(keys)) == 3
 
 
+@pytest.mark.long
 def test_the_best_gains_are_those_of_no_lost_ball_and_least_error(monkeypatch):
     asked = []
 

@@ -139,6 +139,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_is_finished(study, tmp_path, mo
     assert study(VALUES, "values = [0.1, 0.2, 0.3]")[0] == 0
 
 
+@pytest.mark.long
 def test_a_scheduler_where_nobody_listens_is_one_line(study) -> None:
     code, _, err = study("", "", "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2

@@ -77,6 +77,7 @@ def test_the_interval_holds_the_true_difference_in_95_of_100_studies():
     assert 0.92 <= held / 600 <= 0.98
 
 
+@pytest.mark.long
 def test_a_study_has_its_pairs_in_report_and_table(tmp_path):
     friction = {
         "title": "Two laws",

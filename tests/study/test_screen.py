@@ -97,6 +97,7 @@ def test_a_bias_is_found_and_the_mechanism_estimated_without_it(method):
     assert found.counts["checked"] == len(checked.tasks) == 2 * CHECKED_POINTS
 
 
+@pytest.mark.long
 def test_further_points_are_others_than_the_studys():
     _, runs = screened(study())
     own, wide = runs.works[0].design.columns[ROLLING], runs.works[2].design.columns[ROLLING]
@@ -104,6 +105,7 @@ def test_further_points_are_others_than_the_studys():
     assert np.unique(wide).size == len(wide)
 
 
+@pytest.mark.long
 def test_the_points_at_the_ends_are_checked_on_the_mechanism():
     found, runs = screened(study("sobol", 16))
     exact = sorted({value(json.loads(job.scenario)["plant"], 0) for job in jobs(runs.works[2])})
@@ -128,6 +130,7 @@ def test_sobol_indices_come_from_both_plants():
     assert indices[ROLLING].joined.width < 0.7 * indices[ROLLING].alone.width
 
 
+@pytest.mark.long
 def test_points_that_fail_on_one_plant_only_leave_no_estimate_from_both():
     found, _ = screened(study(), runs=Runs(mechanism_limit=3.0))
     assert not found.joined
@@ -135,6 +138,7 @@ def test_points_that_fail_on_one_plant_only_leave_no_estimate_from_both():
     assert found.biases
 
 
+@pytest.mark.long
 def test_rows_of_all_runs_beyond_the_studys_are_written(tmp_path):
     found, runs = screened(study(), 3)
     write_rows(found, tmp_path)
@@ -153,11 +157,13 @@ def test_rows_of_all_runs_beyond_the_studys_are_written(tmp_path):
     assert len(rows) == sum(len(work.tasks) for work in parts.values())
 
 
+@pytest.mark.long
 def test_failed_points_are_the_worst():
     found, _ = screened(study(), runs=Runs(exact_limit=2.0))
     assert all(math.isnan(each.exact) for each in found.checked if each.which == "worst")
 
 
+@pytest.mark.long
 def test_variants_are_compared_on_both_plants():
     both = ({"name": "a"}, {"name": "b", "set": ("plant.start.y=0.01",)})
     found, _ = screened(study(samples=8, variants=both, seeds=2), 2)
@@ -210,6 +216,7 @@ def test_python_simulates_what_c_does_not_know(monkeypatch):
     assert engines == ["c", "python", "python"]
 
 
+@pytest.mark.short("controller.kind-values1-python", "controller.computing_time-*")
 @pytest.mark.parametrize(
     ("key", "values", "engine"),
     [
@@ -229,6 +236,7 @@ def test_c_is_chosen_only_if_it_knows_every_point(monkeypatch, key, values, engi
         assert screen_of("t", Work(about, design=own), 2).engine == engine
 
 
+@pytest.mark.long
 def test_as_many_runs_are_checked_at_most_as_a_plan_says():
     both = ({"name": "a"}, {"name": "b", "set": ("plant.start.y=0.01",)})
     for samples, seeds, expected in ((2, 1, 8), (8, 2, 40)):

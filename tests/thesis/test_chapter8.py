@@ -212,6 +212,7 @@ def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
     assert all(c["deviation_percent"] is None for c in cells if c["column"] == "overshoot [%]")
 
 
+@pytest.mark.long
 def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path):
     path = tmp_path / "docs" / "reproduction.md"
     page.write_doc(path, steps[0], compare(*steps), steps[1])

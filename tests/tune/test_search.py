@@ -93,6 +93,7 @@ def test_the_search_is_better_than_as_many_random_candidates(free):
     assert cost(a, b, c == "off") < np.median([random_best() for _ in range(200)])
 
 
+@pytest.mark.long
 def test_the_same_search_again_tries_the_same_candidates(free):
     _, candidates = free
     again = search_all(Formula(limits={"effort": 1000.0}))
@@ -117,6 +118,7 @@ def test_only_the_best_go_on_to_more_rigs_and_all_meet_the_draw_of_the_search(fr
     assert max(many) < np.median(few)
 
 
+@pytest.mark.long
 def test_constraints_bound_the_result_and_are_no_part_of_its_cost():
     formula = Formula(limits={"effort": 1.5})
     (best,) = best_of(search_all(formula), 1)
@@ -192,6 +194,7 @@ def test_a_controller_that_is_refused_has_no_margin_is_never_run_and_says_why():
 HAND = (180.0, 162.0, 66.0, 13.0)
 
 
+@pytest.mark.long
 def test_the_least_margin_of_all_cuts_counts_and_the_loop_bears_that_much():
     law, observer = AFL(gains=HAND), Smith(observer=Luenberger(), delay=0.042)
     found = loop_margins(law, observer, dead_time=0.042)

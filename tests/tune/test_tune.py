@@ -299,6 +299,7 @@ def test_a_mistake_in_a_tune_is_one_line(tmp_path, monkeypatch, old, new, messag
     assert "\n" not in str(result.exception)
 
 
+@pytest.mark.short("three_legs", "tube")
 @pytest.mark.parametrize("rig", sorted(shipped_in("rigs")))
 def test_a_tune_on_another_rig_has_rigs_about_that_one_and_what_its_file_says(folder, rig):
     alone = load("hold", [f"parameters={rig}"])

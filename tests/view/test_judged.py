@@ -95,6 +95,7 @@ def test_a_reason_that_is_a_question_ends_as_one(stopped):
     assert describe_run(replace(stopped, metrics=told)).endswith("screen gone.")
 
 
+@pytest.mark.short("0.3", "1")
 @pytest.mark.parametrize("duration", [0.3, 1, 4])
 def test_a_part_of_a_round_has_no_lag_and_no_scale(duration):
     short = run(load("circle", [*CIRCLE, f"duration={duration}"]))
@@ -105,6 +106,7 @@ def test_a_part_of_a_round_has_no_lag_and_no_scale(duration):
     assert ("less than once round" in describe_run(short)) is (found.rms > 1e-4)
 
 
+@pytest.mark.long
 def test_a_whole_round_has_both():
     fast = ["reference.amplitude=0.05", "reference.omega=3.0", "metrics.start=3"]
     found = Diagnosis.of(run(load("circle", [*CIRCLE[:2], *fast, "duration=6"])))

@@ -104,6 +104,7 @@ def drawn(tmp_path, printed):
 MECHANISM = ("motor_phi", "motor_theta", "spring", "wheel_", "cam_", "shaft_", "spring_anchor")
 
 
+@pytest.mark.long
 def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(drawn):
     settings = ("parameters=course", "plant.linkage.crank_mm=[0,0]", "rig.cams=table")
     text, root, of = drawn(*settings)
@@ -122,6 +123,7 @@ def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(drawn
     assert f"{root}/mechanism/base/post" in text
 
 
+@pytest.mark.short("lagrange")
 @pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
 def test_a_plate_on_rods_is_drawn_with_them(drawn, kind):
     text, *_ = drawn("parameters=course", f"plant.kind={kind}")
@@ -130,6 +132,7 @@ def test_a_plate_on_rods_is_drawn_with_them(drawn, kind):
     assert not re.search(r"/mechanism/\S*(spring|wheel|cam_)", text)
 
 
+@pytest.mark.short("rig1-*")
 @pytest.mark.parametrize(
     ("rig", "thick"),
     [
@@ -146,6 +149,7 @@ def test_a_round_plate_is_drawn_round(drawn, rig, thick):
     assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
 
 
+@pytest.mark.long
 def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path, printed):
     runs = open_runs((folder, folder / "run.parquet"))
     assert [each.name for each in runs] == ["circle", "circle~2"]

@@ -285,6 +285,7 @@ def test_runs_of_a_comparison_come_in_its_order_and_by_its_names(scenario, tmp_p
     assert [each.name for each in open_runs((tmp_path,))] == ["b-ki=0", "a-ki=1", "0-other"]
 
 
+@pytest.mark.long
 def test_of_many_runs_each_is_told_in_a_sentence(page, runs, monkeypatch):
     monkeypatch.setattr("twin.base.page.inline", lambda _: Markup("<svg></svg>"))
     many = html([*runs, *runs])
@@ -293,6 +294,7 @@ def test_of_many_runs_each_is_told_in_a_sentence(page, runs, monkeypatch):
     assert many.count("run_1: Tracking error e_tt") == 4
 
 
+@pytest.mark.long
 def test_where_nobody_knows_the_truth_no_error_of_the_estimate_is_drawn(runs):
     one = runs[0]
     real = {name: rows for name, rows in one.rows.items() if not name.startswith("true")}

@@ -92,6 +92,7 @@ def test_a_scenario_with_every_effect_has_them_all(full):
     assert {effect.name for effect in effects_present(full)} == own
 
 
+@pytest.mark.long
 def test_how_the_ball_rolls_is_an_effect_of_the_exact_equations_alone(clean):
     spun = apply_overrides(clean, [{"plant.ball_spin": "free", "plant.start.spin": 5.0}])
     assert [effect.name for effect in effects_present(spun)] == ["rolling"]
@@ -281,6 +282,7 @@ def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
     assert summary(found)["effects"]["friction"]["without"]["outcome"] == "fell at 1.0 s"
 
 
+@pytest.mark.long
 def test_where_every_run_with_an_effect_fell_the_picture_says_so_below_a_whole_title(
     clean, tmp_path, monkeypatch
 ):

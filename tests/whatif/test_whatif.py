@@ -124,6 +124,7 @@ def test_from_any_moment_every_law_goes_on_as_it_would_have(law, observer, more)
             assert np.array_equal(found[name], whole[name][tick:], equal_nan=True), (tick, name)
 
 
+@pytest.mark.long
 def test_under_mpc_another_path_begins_at_once_within_a_step_of_the_law():
     """Nearly the same path, of which nothing is held: it is planned again at once."""
     keys = "plant.kind=lagrange", "duration=1.5", "metrics.start=0.0", "controller.kind=mpc"
@@ -133,6 +134,7 @@ def test_under_mpc_another_path_begins_at_once_within_a_step_of_the_law():
     assert np.abs(found["requested"][:, 0] - there).max() < 0.1 * np.abs(there).max()
 
 
+@pytest.mark.long
 def test_a_change_at_the_moment_is_the_run_that_changes_then(run, tmp_path):
     settings = "plant.friction.rolling_mm=0.4", "plant.level_deg=[0.2, 0.0]"
     values = '"plant.friction.rolling_mm"=0.4, "plant.level_deg"=[0.2, 0.0]'
@@ -144,11 +146,13 @@ def test_a_change_at_the_moment_is_the_run_that_changes_then(run, tmp_path):
     assert found.max_difference > 1e-4
 
 
+@pytest.mark.long
 def test_a_moment_between_two_periods_is_the_nearest_period(run, log):
     assert moment_of(run, 1.2007).at == pytest.approx(1.2)
     assert moment_of(log, 2.2013, "circle").at == pytest.approx(2.202)
 
 
+@pytest.mark.long
 def test_a_future_has_what_the_observer_knows_beyond_the_state(tmp_path):
     tables = load("cure", ["plant.kind=lagrange", "duration=1.0", "metrics.start=0.5"])
     done = finished.run(tables)
@@ -206,6 +210,7 @@ def test_a_plan_that_does_not_stay_begins_where_the_ball_is(held):
     np.testing.assert_allclose([each.velocity for each in wanted], x[0, 1::4], atol=0.01)
 
 
+@pytest.mark.long
 def test_what_a_csv_log_shows_is_where_the_twin_begins(run, log):
     moment = moment_of(log, LATE, "circle")
     assert not moment.exact
@@ -219,6 +224,7 @@ def test_what_a_csv_log_shows_is_where_the_twin_begins(run, log):
     assert moment.before_mm < 5
 
 
+@pytest.mark.long
 def test_a_twin_that_does_not_fit_says_so_before_the_branch(log, tmp_path):
     scenario = tmp_path / "tilted.toml"
     shipped = Path(__file__).parents[2] / "scenarios" / "circle.toml"
@@ -255,6 +261,7 @@ def test_a_wrong_change_is_refused_before_the_run_is_simulated_again(run, monkey
     assert "'when=t': give ROLE=NAME:UNIT" in str(result.exception)
 
 
+@pytest.mark.long
 def test_an_interrupted_future_is_not_written(run, tmp_path, monkeypatch):
     def cut(*given):
         (found,) = futures(*given)
@@ -400,6 +407,7 @@ def test_without_touches_nothing_is_known():
     assert np.isnan(speed).all()
 
 
+@pytest.mark.long
 def test_a_log_of_commands_and_slow_frames_is_gone_on_with(tmp_path):
     """A camera of 30 frames/s and commanded angles; the future is what the run itself did."""
     run = recorded(tmp_path / "run", "duration=4.0")

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import shutil
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from twin.base.errors import TwinError
 
@@ -37,6 +41,14 @@ def find_program(
             f"(packages of Debian: {packages[program]})"
         )
     return found
+
+
+@cache
+def build_folder() -> Path:
+    """The folder of the programs that this process compiles, deleted when the process ends."""
+    folder = TemporaryDirectory(prefix="ballplate-programs-", ignore_cleanup_errors=True)
+    atexit.register(folder.cleanup)  # without it Python warns that nobody did
+    return Path(folder.name)
 
 
 def find_error_line(message: str) -> str:

@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.base import programs
@@ -162,14 +162,8 @@ def size_of(program: Path, target: str) -> Size:
 
 
 @cache
-def _folder() -> TemporaryDirectory[str]:
-    """Where the programs of this process lie, until it ends."""
-    return TemporaryDirectory(prefix="ballplate-board-", ignore_cleanup_errors=True)
-
-
-@cache
 def _compile(texts: tuple[tuple[str, str], ...], target: str) -> Path:
-    about, own = TARGETS[target], Path(mkdtemp(dir=_folder().name))
+    about, own = TARGETS[target], Path(mkdtemp(dir=programs.build_folder()))
     _write(dict(texts), own)
     program, script = own / "board", list[str]()
     if target == "cortex-m4":

@@ -14,9 +14,8 @@ import subprocess
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cache
-from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import NamedTuple
 from weakref import finalize
 
@@ -24,7 +23,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import RigError, plural
-from twin.base.programs import find_error_line, find_program
+from twin.base.programs import build_folder, find_error_line, find_program
 from twin.emulator.can_bus import check_pseudo_terminals
 from twin.hal.interface import Touch
 from twin.run.assemble import build_devices
@@ -47,7 +46,6 @@ TICK_S = 0.002
 """Time in s that chip and plant take turns in."""
 
 
-_NUMBERS = count()
 _UNFIT = "emulated board: the firmware does not fit into an ATmega328P"
 
 
@@ -72,12 +70,6 @@ class Size(NamedTuple):
 
 
 @cache
-def _folder() -> TemporaryDirectory[str]:
-    """Where the programs of this process lie, until it ends."""
-    return TemporaryDirectory(prefix="ballplate-avr-", ignore_cleanup_errors=True)
-
-
-@cache
 def build_firmware(folder: Path, controller: Path | None = None, defines: str = "") -> Path:
     """Compile a firmware, once in the life of this process.
 
@@ -97,8 +89,7 @@ def build_firmware(folder: Path, controller: Path | None = None, defines: str = 
     if controller is not None:
         sources.append(controller / "controller.c")
         flags += ["-DBOARD_COMPUTES=1", f"-I{controller}"]
-    own = Path(_folder().name) / f"firmware-{next(_NUMBERS)}"
-    own.mkdir()
+    own = Path(mkdtemp(dir=build_folder()))
     program = own / "firmware.elf"
     _compile("avr-gcc", [*AVR_FLAGS, *flags], sources, ["-lm"], program)
     size = size_of(program)
@@ -117,7 +108,7 @@ def build_emulator() -> Path:
     Raises:
         RigError: If a compiler or simavr is missing.
     """
-    program = Path(_folder().name) / "avr"
+    program = Path(mkdtemp(dir=build_folder())) / "avr"
     flags = ["-O2", f"-I{SIMAVR_HEADERS}"]
     _compile("cc", flags, [Path(__file__).with_suffix(".c")], ["-lsimavr", "-lm"], program)
     return program

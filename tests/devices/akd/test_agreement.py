@@ -111,6 +111,7 @@ def test_a_single_wrong_velocity_stops_under_its_own_name(rig):
     assert c.PLATE_FROZEN not in stops
 
 
+@pytest.mark.short("0.02")
 @pytest.mark.parametrize("every", [0.005, 0.02, 0.05])
 def test_heartbeats_of_a_second_node_with_the_id_are_found(rig, every):
     rig.bus.foreign_frames.append((Frame(0x701, b"\5"), every))
@@ -122,6 +123,7 @@ def test_heartbeats_of_a_second_node_with_the_id_are_found(rig, every):
     assert first.at - begin <= c.DUPLICATE_ID.within
 
 
+@pytest.mark.short("1795")
 @pytest.mark.parametrize("node", [0x702, 0x703, 0x77E])
 def test_heartbeats_of_nodes_that_are_not_watched_or_of_the_other_s_own_are_no_fault(rig, node):
     if node != 0x702:
@@ -146,6 +148,7 @@ def test_heartbeats_that_waited_for_a_host_that_hung_are_those_of_one_node():
     assert any(count.too_many(3.2 + number * period / 2) for number in range(60))
 
 
+@pytest.mark.short("127")
 @pytest.mark.parametrize("state", [0, 4, 127])
 def test_a_heartbeat_of_another_node_that_is_not_operational_is_no_fault_of_this_one(rig, state):
     rig.bus.from_other(Frame(0x701, bytes((state,))))
@@ -154,6 +157,7 @@ def test_a_heartbeat_of_another_node_that_is_not_operational_is_no_fault_of_this
     assert "while a second one with its id runs" in found.detail
 
 
+@pytest.mark.short("4-*")
 @pytest.mark.parametrize(("nmt", "condition"), [(4, c.NMT_LEFT), (127, c.NMT_LEFT)])
 def test_a_drive_that_leaves_the_operational_state_is_named_as_that(rig, nmt, condition):
     rig.drives[0].nmt = nmt
@@ -192,6 +196,7 @@ def test_what_does_not_answer_the_request_is_said_in_words(answer, words):
 FLIPS = [(1, 0x01, "1017h:1"), (2, 0x80, "9016h:1"), (3, 0x02, "1016h:3"), (0, 0x04, "3 bytes")]
 
 
+@pytest.mark.short("1-1-1017h:1")
 @pytest.mark.parametrize(("at", "bits", "words"), FLIPS)
 def test_an_sdo_answer_to_something_else_is_named_in_mid_run(rig, at, bits, words):
     rig.bus.faults.flip(0x581, at=at, bits=bits)
@@ -208,6 +213,7 @@ def test_an_sdo_answer_to_something_else_refuses_the_start_and_is_named():
         assert "answered for 1001h:0 instead" in refused(rig, c.SDO_WRONG)
 
 
+@pytest.mark.long
 def test_a_velocity_that_is_always_zero_is_found_in_time_while_the_motor_turns_slowly(rig):
     rig.run(0.6, lambda _: (0.1, 0.1))
     rig.bus.faults.overwrite(0x281, at=0, data=bytes(4), towards=Towards.HOST)

@@ -75,6 +75,7 @@ def test_a_master_that_appears_during_the_start_is_found_at_its_end(rig):
         rig.servos.start()
 
 
+@pytest.mark.short("NMT", "SYNC", "RPDO1")
 @pytest.mark.parametrize("kind", FRAMES)
 def test_another_master_in_mid_run_stops_the_drives_and_is_named(rig, kind):
     rig.enabled()

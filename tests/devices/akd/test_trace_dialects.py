@@ -33,7 +33,7 @@ BEGIN = 1_700_000_000.0
 @pytest.fixture(scope="session")
 def frames():
     """The frames of a run, from the boot-up of its drives to their end, in whole microseconds."""
-    rig = LockstepRig(scenario := load("hold", ["duration=0.2"]))
+    rig = LockstepRig(scenario := load("hold", ["duration=0.1"]))
     heard = []
     rig.lockstep.heard = heard.append
     run(scenario, rig=rig)
@@ -296,22 +296,21 @@ def test_a_log_is_read_and_decoded_without_the_imports_that_cost(tmp_path, frame
 
 
 TRACE = """
-import resource, sys
+import sys
 from pathlib import Path
 from twin.cli import main
 try:
     main()
 except SystemExit as ended:
     assert not ended.code
-used = resource.getrusage(resource.RUSAGE_SELF)
 (line,) = (each for each in Path("/proc/self/status").open() if each.startswith("VmHWM"))
-print(used.ru_utime + used.ru_stime, int(line.split()[1]) / 1024, file=sys.stderr)
+print(int(line.split()[1]) / 1024, file=sys.stderr)
 """
 
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_a_million_frames_take_at_most_40_s_and_500_mib(tmp_path, frames):
+def test_a_million_frames_are_decoded_in_at_most_500_mib(tmp_path, frames):
     begin, part = frames[:-300], frames[-300:]
     span = part[-1].timestamp - part[0].timestamp + 0.002
     with (tmp_path / "a.log").open("w") as file:
@@ -328,6 +327,4 @@ def test_a_million_frames_take_at_most_40_s_and_500_mib(tmp_path, frames):
         check=True,
     )
     assert 999_000 < json.loads(done.stdout)["frames"] <= 1_000_000
-    seconds, mebibytes = map(float, done.stderr.split())
-    assert seconds < 40
-    assert mebibytes < 500
+    assert float(done.stderr) < 500

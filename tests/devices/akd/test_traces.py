@@ -75,6 +75,7 @@ def test_a_broken_line_costs_one_frame(tmp_path):
     assert found.remarks == ["a.log: left out: 3 lines without a classic frame of candump -L"]
 
 
+@pytest.mark.short(".blf", ".csv")
 @pytest.mark.parametrize("ending", [".asc", ".blf", ".csv", ".log.gz"])
 def test_of_a_truncated_trace_what_is_left_is_read(tmp_path, ending):
     many = [frame(0x181, k.to_bytes(4, "little"), 1 + 0.002 * k) for k in range(20_000)]

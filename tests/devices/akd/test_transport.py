@@ -87,7 +87,7 @@ def slcan(kind, line):
 def play(line, bus, lines):
     """Every message that a bus makes of some bytes."""
     os.write(line[0], lines)
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while bus.serialPortOrig.in_waiting < len(lines):
         assert time.monotonic() < end, f"of {lines!r} not all arrived"
         time.sleep(1e-4)

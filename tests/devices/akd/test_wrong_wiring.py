@@ -77,6 +77,7 @@ MORE = [(period, *each) for period in (0.001, 0.002, 0.004) for each in (*SIGNS,
 LONG = [pytest.param(*each, marks=pytest.mark.long) for each in MORE if each not in FEW]
 
 
+@pytest.mark.short("0.004-*")
 @pytest.mark.parametrize(("period", "axis", "wrong", "condition"), [*FEW, *LONG])
 def test_a_wrong_setting_is_named_and_the_plate_stays_near_its_limit(
     period, axis, wrong, condition, scenario
@@ -91,6 +92,7 @@ def test_a_wrong_setting_is_named_and_the_plate_stays_near_its_limit(
         assert tilt < np.radians(1.0)
 
 
+@pytest.mark.short("1-*")
 @pytest.mark.parametrize(("axis", "factor", "words"), [(0, 2.0, "0.5"), (1, 0.5, "2.0")])
 def test_a_wrong_velocity_unit_is_named_by_its_ratio(axis, factor, words, scenario):
     unit = factor * AxisConfig(name="phi", node=1).velocity_unit
@@ -126,6 +128,7 @@ def test_a_wrong_wire_is_named_on_cams_and_on_rods(wire, on):
     assert tilt < float(rig.supervisor.limits.angle) + np.radians(2.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("on", MECHANISMS)
 def test_exchanged_drives_are_named_by_where_the_ball_rolls_and_the_plate_is_levelled(on):
     rig = LockstepRig(load("circle", on))
@@ -152,6 +155,7 @@ def test_a_healthy_rig_turns_as_it_is_asked(scenario):
     assert tilt == pytest.approx(0.55 * 0.2, rel=0.1)
 
 
+@pytest.mark.long
 def test_levelling_that_tilts_the_plate_further_is_ended(scenario):
     rig = LockstepRig(scenario(*PLANT))
     rig._motors.lost = np.inf  # the second line of defence alone
@@ -187,6 +191,7 @@ def test_a_plate_stops_at_its_mechanical_stop_and_its_motor_with_it(scenario):
     assert plant.devices.state[0, 2] < stop - 0.05
 
 
+@pytest.mark.short("never checked")
 @pytest.mark.parametrize("unchecked", ["", "never checked"])
 def test_the_first_motion_of_a_rig_that_nobody_has_checked_is_slow_until_it_is_proven(
     unchecked, scenario
@@ -223,6 +228,7 @@ def test_a_disagreement_takes_the_torque_of_both_drives_while_the_host_goes_on(s
         assert not any(drive.power.live for drive in rig.lockstep.drives)
 
 
+@pytest.mark.long
 def test_motors_and_plate_are_compared_anew_by_another_transmission(scenario):
     rig = LockstepRig(scenario(*PLANT))
     with rig:
@@ -238,6 +244,7 @@ def test_motors_and_plate_are_compared_anew_by_another_transmission(scenario):
     assert Severity.STOP not in {each.note.condition.severity for each in rig.journal}
 
 
+@pytest.mark.long
 def test_an_axis_that_never_turns_keeps_the_first_motion_slow_for_three_seconds(scenario):
     rig = LockstepRig(scenario(*PLANT, "duration=4"))
     rig.unchecked = "never checked"

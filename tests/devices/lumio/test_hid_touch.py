@@ -74,6 +74,7 @@ def test_padding_and_flags_that_are_no_tip_do_not_hide_a_contact(case):
     assert (contact.x, contact.y, contact.down) == (0x1380 / 32767, 0x1968 / 32767, True)
 
 
+@pytest.mark.short("hid-0007")
 @pytest.mark.parametrize("protocol", PANELS)
 @given(
     spots=st.lists(st.tuples(SHARE, SHARE, st.booleans()), min_size=1, max_size=8),
@@ -143,7 +144,7 @@ def hidraw(descriptors, monkeypatch, tmp_path):
 
 def sees(screen, send, text):
     """Whether a screen feels a ball while a report is repeated."""
-    return wait_until(lambda: send(text) and bool(screen.read().touched[0]), 5.0)
+    return wait_until(lambda: send(text) and bool(screen.read().touched[0]), 60.0)
 
 
 @pytest.mark.real_time

@@ -66,6 +66,7 @@ def test_what_the_emulated_screen_encodes_comes_back_within_half_a_native_count(
     assert contact.down == down
 
 
+@pytest.mark.short("elo")
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @given(
     places=st.lists(st.tuples(SHARE, SHARE), min_size=1, max_size=8),
@@ -119,6 +120,7 @@ def test_a_detector_takes_no_protocol_that_leaves_most_bytes_unexplained(data):
         assert decoder.size * decoder.stats.reports >= 0.8 * len(data)
 
 
+@pytest.mark.short("auto-*", "elo-elo", "microtouch-microtouch")
 @pytest.mark.parametrize("spoken", PROTOCOLS)
 @pytest.mark.parametrize("set_to", ["auto", "hid-0006", *PROTOCOLS])
 @settings(max_examples=25)

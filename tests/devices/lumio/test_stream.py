@@ -340,6 +340,7 @@ def test_false_positions_far_apart_in_time_do_not_confirm_each_other(screen):
     assert screen.stream.tracker.sample is None
 
 
+@pytest.mark.short("auto", "elo", "hid-timed")
 @given(data=st.lists(st.tuples(st.binary(max_size=80), st.floats(0, 0.3)), max_size=12))
 @pytest.mark.parametrize("protocol", ["auto", *PROTOCOLS])
 def test_whatever_bytes_come_no_position_is_off_the_screen(protocol, data):
