@@ -1,7 +1,7 @@
 """Counts the alarms that the shadow raises on simulated rigs that are well.
 
 uv run python docs/shadow_healthy.py --hours 24 --laws 0   makes shadow_healthy.md, AFL alone
-uv run python docs/shadow_healthy.py --hours 0 --laws 0.4  makes shadow_laws.md, all other laws
+uv run python docs/shadow_healthy.py --hours 0 --laws 2    makes shadow_laws.md, all other laws
 
 Rigs of the mechanism under AFL, with uneven and with even screens, and the former under every other
 law. What has been simulated is kept in runs/shadow_healthy and used again while the code stays the
@@ -45,8 +45,12 @@ RUN_S = 180.0
 TOGETHER = 30
 """Rigs of each sort of screens, under AFL, that are simulated side by side: a period costs little
 more for more of them."""
-LAW_TOGETHER = 4
-"""Rigs under each of the other laws that are simulated side by side, all laws in one batch."""
+LAW_TOGETHER = 40
+"""Rigs under one of the other laws that are simulated side by side."""
+WIDE_PLAY_DEG = 0.15
+"""Play of the drives in deg above which rigs are counted apart, half the widest of the family."""
+CURE = "cure"
+"""The law that is counted apart on rigs with play."""
 ALLOWED_PER_H = 1 / 24
 """False alarms an hour that are allowed."""
 TESTS = ("every", "late")
@@ -88,9 +92,9 @@ def known(job: tuple[Watched, ...]) -> list[dict[str, Any]]:
 def carry_out(job: Sequence[Watched]) -> list[dict[str, Any]]:
     """Simulate the rigs of a job and let the twin watch each: a row for each in JSON.
 
-    Which rig it is, why it gave no verdict, seconds that were watched, the alarms and their causes,
-    the largest log-likelihood ratios of both tests, and the share of the job's processor time in s
-    that it took to simulate and to watch a rig.
+    Which rig it is, the play of its drives in deg, why it gave no verdict, seconds that were
+    watched, the alarms and their causes, the largest log-likelihood ratios of both tests, and the
+    share of the job's processor time in s that it took to simulate and to watch a rig.
     """
     family, begun = read_family(FAMILY), time.process_time()
     draws = {
@@ -105,8 +109,9 @@ def carry_out(job: Sequence[Watched]) -> list[dict[str, Any]]:
     recorded = logs(pairs)
     simulated = time.process_time()
     found = []
-    for each, log in zip(job, recorded, strict=True):
-        about = {**each._asdict(), "scenario": each.scenario}
+    for each, (_, truth), log in zip(job, pairs, recorded, strict=True):
+        play = truth.plant.servo.backlash_deg
+        about = {**each._asdict(), "scenario": each.scenario, "play": play}
         try:
             said = shadow(log, belief_of(log), replaying=False)
         except LogError as error:
@@ -140,9 +145,10 @@ def jobs(hours: float, laws: float) -> Iterator[tuple[Watched, ...]]:
     for begin in range(0, count, TOGETHER):
         numbers = range(begin, min(begin + TOGETHER, count))
         yield tuple(Watched(number, screens) for screens in SEEDS for number in numbers)
-    for begin in range(0, others, LAW_TOGETHER):
-        numbers = range(begin, min(begin + LAW_TOGETHER, others))
-        yield tuple(Watched(n, "uneven", law) for law in LAWS if law != LAW for n in numbers)
+    for law in LAWS:
+        for begin in range(0, others if law != LAW else 0, LAW_TOGETHER):
+            numbers = range(begin, min(begin + LAW_TOGETHER, others))
+            yield tuple(Watched(number, "uneven", law) for number in numbers)
 
 
 def verdict(alarms: int, hours: float) -> str:
@@ -202,22 +208,32 @@ def page_of_afl(found: Iterable[Mapping[str, Any]], command: str) -> str:
 def page_of_laws(found: Iterable[Mapping[str, Any]], command: str) -> str:
     """The page of the rigs under all other laws, in Markdown; as `page_of_afl`."""
     rows = pd.DataFrame(found)
-    laws = [
-        (*counts(some, law), *(f"{some[test].max():.1f}" for test in TESTS))
-        for law, some in rows.groupby("law", sort=False)
-    ]
+    laws = [(law, rows[rows["law"] == law]) for law in rows["law"].unique()]
+    groups = {
+        f"{name}, play {side} {WIDE_PLAY_DEG:g} deg": some[some["play"].gt(WIDE_PLAY_DEG) == above]
+        for name, some in ((CURE, rows[rows["law"] == CURE]), ("all", rows))
+        for side, above in (("up to", False), ("above", True))
+    }
     return filled(
         "shadow_laws",
         command=command,
         seconds=RUN_S,
         scenarios=HEALTHY_SCENARIOS,
-        laws=laws,
-        every=(*counts(rows, "all"), *(f"{rows[test].max():.1f}" for test in TESTS)),
+        laws=[
+            (*counts(some, law), *(f"{some[test].max():.1f}" for test in TESTS), *costs(some))
+            for law, some in (*laws, ("all", rows))
+        ],
+        play=[rows["play"].quantile(q) for q in (0.0, 0.5, 1.0)],
+        by_play=[counts(some, name) for name, some in groups.items() if len(some)],
         raised=raised(rows),
         thresholds=THRESHOLDS,
         unwatched=[row for row in rows.to_dict("records") if row["why"]],
-        spent=spent(rows),
     )
+
+
+def costs(rows: pd.DataFrame) -> tuple[str, ...]:
+    """Processor time in s of an hour of a rig, to simulate and to watch, for a table."""
+    return tuple(f"{each:.0f}" for each in spent(rows))
 
 
 def spent(rows: pd.DataFrame) -> list[float]:
@@ -230,7 +246,7 @@ def spent(rows: pd.DataFrame) -> list[float]:
     "--hours", type=click.FloatRange(min=0), default=24.0, help="Of each screens, under AFL."
 )
 @click.option(
-    "--laws", type=click.FloatRange(min=0), default=0.4, help="Hours under each other law."
+    "--laws", type=click.FloatRange(min=0), default=2.0, help="Hours under each other law."
 )
 @PROCESSES_OPTION
 def main(hours: float, laws: float, processes: int | None) -> None:

@@ -1,18 +1,20 @@
-"""Makes shadow_reference.md: how often `shadow --reference` errs about a log's first row.
+"""Makes shadow_reference.md: how often `shadow --reference` is right about a log.
 
 uv run python docs/shadow_reference.py
 
 Rigs of the family `uncertain`. The twin is learned from a reference log of each, and compared
 with the beginning of other logs of it: healthy ones, and ones of a rig that has changed before.
-Constants of the comparison are set from the calibration rigs, which are not those that are judged.
-What has been tried is kept in runs/shadow_reference and used again while the code stays the same.
+Healthy logs, and ones of a rig that changes later, are evaluated to their end. Constants of the
+comparison are set from the calibration rigs, which are not those that are judged. What has been
+tried is kept in runs/shadow_reference and used again while the code stays the same.
 """
 
 from __future__ import annotations
 
 import inspect
+import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.resources import files
 from pathlib import Path
@@ -31,6 +33,7 @@ from docs.shadow_trials import (
     HEALTHY_SCENARIOS,
     LEVEL,
     ROLLING,
+    counted,
     whole_settings,
 )
 from twin.base.errors import TwinError
@@ -40,59 +43,96 @@ from twin.identify.logs import Log
 from twin.scenario.load import load
 from twin.scenario.schema import at_study_step
 from twin.shadow.belief import logs
+from twin.shadow.causes import likely
 from twin.shadow.evidence import gaps
+from twin.shadow.follow import shadow
 from twin.shadow.learning import (
     COMPARED_PARAMETERS,
     HEALTHY_CHANGE_STDS,
     LEARNING_S,
     MAX_CHANCE_STDS,
+    SAME_MOTION_SHARE,
     Difference,
+    HealthyTwin,
+    ball_track,
     beginning,
     compare_with_reference,
     fit_belief,
     learn,
+    motion_distance,
     prepare_for,
     shift_parameters,
 )
 from twin.shadow.reference import learn_reference, learn_twin
+from twin.shadow.report import watched_twin
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import digest
 
-DRAWS = {"calibration": 63_001, "judged": 63_002}
-"""Seeds of the draws of rigs."""
-REFERENCE_S, OTHER_S = 30.0, LEARNING_S + 1.0
-"""Seconds of a reference log, and of another log."""
+DRAWS = {"calibration": 63_001, "beginning": 63_003, "watched": 63_003}
+"""Seeds of the draws of rigs, of what is done with them: constants are set, the beginning of their
+logs is compared, their logs are evaluated to the end."""
+REFERENCE_S, BEGINNING_S, WATCHED_S = 30.0, LEARNING_S + 1.0, 61.0
+"""Seconds of a reference log, of a log of which only the beginning counts, and of another."""
+REFERENCE_MOTION = HEALTHY_SCENARIOS[0]
+"""The scenario of a reference log."""
+LATER_S = 40.0
+"""When a rig changes that is healthy at first, s."""
+REPEATS = 4
+"""Logs of a calibration rig with the motion of its reference."""
 TOGETHER = 5
 """Rigs that are simulated side by side."""
 Settings = dict[str, Any]
+
+
+class Shown(NamedTuple):
+    """Parameters that show a change, and causes that are right for it."""
+
+    parameters: tuple[str, ...]
+    causes: tuple[str, ...]
+
+
+LATE = "dead time +30 ms"
 CHANGES = {
-    "rolling friction x 2": ("rolling",),
-    "level 0.5 deg": ("level_phi", "level_theta"),
-    "dead time +30 ms": ("delay",),
-    "tilt gain -15 %": ("gain",),
+    "rolling friction x 2": Shown(("rolling",), ("rolling friction",)),
+    "level 0.5 deg": Shown(("level_phi", "level_theta"), ("level",)),
+    LATE: Shown(("delay",), ("dead time",)),
+    "tilt gain -15 %": Shown(("gain",), ("tilt gain", "another ball")),
 }
-"""What has changed before the first row, and the parameters that show it."""
+"""What changes of a rig, before the first row or later."""
 GAIN_SHARE = 0.85
 """Share of the acceleration by gravity that is left of a ball with another gain."""
 
 
 class Other(NamedTuple):
-    """A log that is compared with the reference of its rig."""
+    """A log that is compared with the reference of its rig.
+
+    Attributes:
+        kind: What changes.
+        scenario: Of the log.
+        seconds: Its length.
+        at: When it changes, s; 0 before the first row.
+    """
 
     kind: str
     scenario: str
+    seconds: float
+    at: float = 0.0
 
 
-def others(number: int, *, changed: bool) -> list[Other]:
-    """The logs of a rig, by its number in the draw."""
-    healthy = [Other(HEALTHY, scenario) for scenario in HEALTHY_SCENARIOS]
-    if not changed:
-        return healthy
-    turns = len(HEALTHY_SCENARIOS)
-    return healthy + [
-        Other(kind, HEALTHY_SCENARIOS[(number + place) % turns])
-        for place, kind in enumerate(CHANGES)
-    ]
+def others(number: int, draw: str) -> list[Other]:
+    """The logs of a rig, by its number in a draw of ``DRAWS``."""
+    seconds = WATCHED_S if draw == "watched" else BEGINNING_S
+    found = [Other(HEALTHY, scenario, seconds) for scenario in HEALTHY_SCENARIOS]
+    if draw == "calibration":
+        return found + [Other(HEALTHY, REFERENCE_MOTION, seconds)] * (REPEATS - 1)
+    for place, kind in enumerate(CHANGES):
+        scenario = HEALTHY_SCENARIOS[(number + place) % len(HEALTHY_SCENARIOS)]
+        if draw == "watched":
+            found.append(Other(kind, scenario, seconds, LATER_S))
+        else:
+            every = HEALTHY_SCENARIOS if kind == LATE else (scenario,)
+            found += [Other(kind, each, seconds) for each in every]
+    return found
 
 
 def change(true: Settings, kind: str, rng: np.random.Generator) -> Settings:
@@ -113,19 +153,64 @@ def change(true: Settings, kind: str, rng: np.random.Generator) -> Settings:
     return true
 
 
-def simulate(rigs: Sequence[tuple[Settings, str, int]], seconds: float) -> list[Log]:
-    """Logs that do not state their rig.
+class Rig(NamedTuple):
+    """A rig of which a log is simulated.
 
-    Args:
-        rigs: Settings, scenario and seed of each.
-        seconds: Length of the logs.
+    Attributes:
+        settings: By the keys of a scenario.
+        scenario: What it does.
+        seed: Of its noise.
+        later: What becomes of the settings at ``LATER_S``; empty for a rig that stays the same.
     """
+
+    settings: Settings
+    scenario: str
+    seed: int
+    later: Settings = {}  # noqa: RUF012  never changed
+
+    def overrides(self, seconds: float) -> tuple[list[str], list[str]]:
+        """Overrides of its scenario: of a rig as the project describes it, and of this one."""
+        common = [f"duration={seconds}", f"seed={self.seed}"]
+        own = [*common, *(f"{key}={value}" for key, value in self.settings.items())]
+        new = {key: v for key, v in self.later.items() if v != self.settings.get(key)}
+        if new:
+            values = ", ".join(f'"{key}"={json.dumps(value)}' for key, value in new.items())
+            own.append(f"change=[{{at={LATER_S}, set={{{values}}}}}]")
+        return common, own
+
+
+def simulate(rigs: Sequence[Rig], seconds: float) -> list[Log]:
+    """Logs that do not state their rig, of a length in s."""
     pairs = []
-    for settings, scenario, seed in rigs:
-        common = [f"duration={seconds}", f"seed={seed}"]
-        own = [f"{key}={value}" for key, value in settings.items()]
-        pairs.append([at_study_step(load(scenario, [*common, *each])) for each in ([], own)])
-    return [replace(log, scenario={}) for log in logs([(a, b) for a, b in pairs])]
+    for rig in rigs:
+        known, true = (at_study_step(load(rig.scenario, each)) for each in rig.overrides(seconds))
+        pairs.append((known, true))
+    return [replace(log, scenario={}) for log in logs(pairs)]
+
+
+def look(log: Log, other: Other, overrides: Sequence[str], healthy: HealthyTwin) -> Settings:
+    """What a twin reports of a log.
+
+    Returns:
+        Differences of its beginning from the reference, alarms after that with their causes, and
+        the seconds in which there could be one.
+    """
+    if other.seconds == BEGINNING_S:
+        usable = prepare_for(log, healthy.belief)
+        gap = gaps(log, usable.period)
+        found = compare_with_reference(beginning(usable), healthy, gap)
+        return {"differences": [asdict(each) for each in found], "alarms": [], "watched": 0.0}
+    recorded, belief = watched_twin(log, overrides)
+    said = shadow(recorded, belief, learning=True, replaying=False, reference=healthy)
+    alarms = [
+        {"time": alarm.time, "causes": [cause.name for cause in likely(alarm.causes)]}
+        for alarm in said.alarms
+    ]
+    return {
+        "differences": [asdict(each) for each in said.differences],
+        "alarms": alarms,
+        "watched": said.length - LEARNING_S,
+    }
 
 
 def carry_out(draw: str, numbers: Sequence[int], *, identified: bool) -> list[dict[str, Any]]:
@@ -139,31 +224,31 @@ def carry_out(draw: str, numbers: Sequence[int], *, identified: bool) -> list[di
     """
     points = draw_rigs(read_family(FAMILY), DRAWS[draw], max(numbers) + 1)
     true = {number: whole_settings(points[number].point) for number in numbers}
-    seeds = {number: 100 * (DRAWS[draw] + number) for number in numbers}
-    first = simulate([(true[n], "excite", seeds[n]) for n in numbers], REFERENCE_S)
-    work = [(n, each) for n in numbers for each in others(n, changed=draw == "judged")]
+    seeds = {number: 10_000 * DRAWS[draw] + 100 * number for number in numbers}
+    first = simulate([Rig(true[n], REFERENCE_MOTION, seeds[n]) for n in numbers], REFERENCE_S)
+    work = [(n, place, each) for n in numbers for place, each in enumerate(others(n, draw))]
     rigs = []
-    for place, (number, other) in enumerate(work):
+    for number, place, other in work:
         rng = np.random.default_rng([seeds[number], place])
-        settings = change(true[number], other.kind, rng)
-        rigs.append((settings, other.scenario, seeds[number] + 1 + place % 99))
+        new = change(true[number], other.kind, rng)
+        settings, later = (true[number], new) if other.at else (new, {})
+        rigs.append(Rig(settings, other.scenario, seeds[number] + 1 + place, later))
     rows = []
     references = {}
+    overrides: dict[int, tuple[str, ...]] = dict.fromkeys(numbers, ())
     for number, log in zip(numbers, first, strict=True):
-        overrides: tuple[str, ...] = ()
         with tempfile.TemporaryDirectory() as folder:
             if identified:
-                overrides = learn_reference(log, Path(folder)).overrides
-            references[number] = learn_twin(log, overrides)
-    for (number, other), log in zip(work, simulate(rigs, OTHER_S), strict=True):
+                overrides[number] = learn_reference(log, Path(folder)).overrides
+            references[number] = learn_twin(log, overrides[number])
+    recorded = simulate(rigs, work[0][2].seconds)
+    for (number, _, other), log in zip(work, recorded, strict=True):
         about = {"number": number, "identified": identified, **other._asdict(), "why": ""}
         try:
-            belief = references[number]
-            usable = prepare_for(log, belief)
-            found = compare_with_reference(beginning(usable), belief, gaps(log, usable.period))
-            rows.append({**about, "differences": [asdict(each) for each in found]})
+            rows.append(about | look(log, other, overrides[number], references[number]))
         except TwinError as error:
-            rows.append({**about, "why": str(error), "differences": []})
+            nothing = {"differences": [], "alarms": [], "watched": 0.0}
+            rows.append({**about, "why": str(error), **nothing})
     return rows
 
 
@@ -173,19 +258,21 @@ def known(draw: str, numbers: tuple[int, ...], *, identified: bool) -> list[dict
     The constants of the comparison are applied afterwards, and change nothing of it.
     """
     rooms = [Path(str(files(f"twin.{room}"))) for room in ("shadow", "identify")]
-    names = ("belief.py", "belief.toml", "evidence.py")
+    names = ("belief.py", "belief.toml", "evidence.py", "alarms.py", "causes.py", "follow.py")
     sources = [*(rooms[0] / name for name in names), *sorted(rooms[1].rglob("*.py"))]
     parts: tuple[Callable[..., Any], ...] = (
         others,
         change,
+        Rig,
         simulate,
+        look,
         carry_out,
         learn_twin,
         learn,
         fit_belief,
         shift_parameters,
     )
-    parts += (prepare_for, beginning, compare_with_reference)
+    parts += (prepare_for, beginning, ball_track, motion_distance, compare_with_reference)
     how = " ".join([each.read_text(encoding="utf-8") for each in sources])
     how += " ".join(inspect.getsource(each) for each in parts)
     key = digest(f"{how} {draw} {numbers} {identified}")
@@ -218,7 +305,9 @@ def share(hits: int, count: int) -> str:
     return f"{hits} of {count} ({low:.0f} to {high:.0f} %)"
 
 
-def fit_chance(rows: Sequence[Mapping[str, Any]], name: str) -> tuple[float, float]:
+def fit_chance(
+    rows: Sequence[Mapping[str, Any]], name: str, *, same_motion: bool = False
+) -> tuple[float, float]:
     """The most likely scale and standard deviation between logs of a parameter.
 
     Changes are taken as normal with the variance (scale * fit_std)^2 + between^2.
@@ -226,8 +315,10 @@ def fit_chance(rows: Sequence[Mapping[str, Any]], name: str) -> tuple[float, flo
     Args:
         rows: Of healthy logs.
         name: The parameter.
+        same_motion: Whether of logs with the motion of the reference; else of those with another,
+            if the parameter has a scale of its own for each.
     """
-    found = [each for row in rows for each in differences(row) if each.name == name]
+    found = changes_of(rows, name, same_motion=same_motion)
     squares = np.array([each.change / each.unit for each in found]) ** 2
     errors = np.array([each.fit_std / each.unit for each in found])
     usual = float(np.sqrt(squares.mean()))
@@ -245,10 +336,37 @@ def fit_chance(rows: Sequence[Mapping[str, Any]], name: str) -> tuple[float, flo
     return float(np.exp(best.x[0])), usual * float(np.exp(best.x[1]))
 
 
-def largest_deviation(rows: Sequence[Mapping[str, Any]], name: str) -> float:
-    """The largest deviation of a parameter with the constants in use."""
+def changes_of(
+    rows: Sequence[Mapping[str, Any]], name: str, *, same_motion: bool
+) -> list[Difference]:
+    """The differences of a parameter; arguments as of ``fit_chance``."""
     found = [each for row in rows for each in differences(row) if each.name == name]
-    return max(abs(each.deviation) for each in found)
+    if "same_motion_scale" in HEALTHY_CHANGE_STDS[name]:
+        found = [each for each in found if each.same_motion == same_motion]
+    return found
+
+
+def calibration_row(
+    rows: Sequence[Mapping[str, Any]], name: str, *, same_motion: bool = False
+) -> tuple[str, ...]:
+    """A row of a table: most likely constants, those in use, largest deviation with these."""
+    likely_ones = fit_chance(rows, name, same_motion=same_motion)
+    chance = HEALTHY_CHANGE_STDS[name]
+    used = (chance["same_motion_scale" if same_motion else "scale"], healthy["between"])
+    found = changes_of(rows, name, same_motion=same_motion)
+    largest = max(abs(each.deviation) for each in found)
+    own = "same_motion_scale" in chance
+    label = f"{name}, {'the same' if same_motion else 'another'} motion" if own else name
+    return label, *(f"{each:.2g}" for each in (*likely_ones, *used)), f"{largest:.1f}"
+
+
+def calibration_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Rows of all parameters, two where the motion counts."""
+    return [
+        calibration_row(rows, name, same_motion=same)
+        for name in COMPARED_PARAMETERS
+        for same in (False, True)[: 1 + ("same_motion_scale" in HEALTHY_CHANGE_STDS[name])]
+    ]
 
 
 def healthy_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
@@ -263,12 +381,42 @@ def healthy_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
 def changed_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Of each change: how many are told to differ, and by which parameter."""
     table: list[tuple[str, ...]] = []
-    for kind, names in CHANGES.items():
-        some = [row for row in rows if row["kind"] == kind]
+    kinds: list[tuple[str, str, Collection[str]]]
+    kinds = [(kind, kind, HEALTHY_SCENARIOS) for kind in CHANGES if kind != LATE]
+    kinds += [(f"{LATE}, {scenario}", LATE, (scenario,)) for scenario in HEALTHY_SCENARIOS]
+    for label, kind, scenarios in kinds:
+        names = CHANGES[kind].parameters
+        some = [row for row in rows if row["kind"] == kind and row["scenario"] in scenarios]
         told = [found for row in some if (found := significant(row))]
         named = sum(any(each.name in names for each in found) for found in told)
         first = sum(found[0].name in names for found in told)
-        table.append((kind, share(len(told), len(some)), f"{named}", f"{first}"))
+        table.append((label, share(len(told), len(some)), f"{named}", f"{first}"))
+    return table
+
+
+def watched_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Healthy logs of each scenario and of all: alarms after the beginning, and their rate."""
+    table: list[tuple[str, ...]] = []
+    for name in (*HEALTHY_SCENARIOS, "all"):
+        some = [row for row in rows if name in (row["scenario"], "all")]
+        hours = sum(row["watched"] for row in some) / 3600
+        count = sum(len(row["alarms"]) for row in some)
+        often = counted(count, hours) if hours else "-"
+        table.append((name, share(sum(bool(row["alarms"]) for row in some), len(some)), often))
+    return table
+
+
+def later_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Of each change at ``LATER_S``: early alarms, alarms in time, right causes, seconds after."""
+    table: list[tuple[str, ...]] = []
+    for kind, shown in CHANGES.items():
+        some = [row for row in rows if row["kind"] == kind]
+        early = [row for row in some if any(each["time"] < LATER_S for each in row["alarms"])]
+        first = [row["alarms"][0] for row in some if row["alarms"] and row not in early]
+        right = sum(bool({*each["causes"]} & {*shown.causes}) for each in first)
+        after = f"{np.median([each['time'] - LATER_S for each in first]):.0f}" if first else "-"
+        found = share(len(first), len(some) - len(early))
+        table.append((kind, str(len(some)), str(len(early)), found, str(right), after))
     return table
 
 
@@ -276,6 +424,7 @@ def page(
     judged: Sequence[dict[str, Any]],
     calibration: Sequence[dict[str, Any]],
     whole: Sequence[dict[str, Any]],
+    watched: Sequence[dict[str, Any]],
     command: str,
 ) -> str:
     """The page in Markdown.
@@ -284,11 +433,12 @@ def page(
         judged: Logs of the judged rigs.
         calibration: Logs of the calibration rigs.
         whole: Logs of judged rigs with a twin that `identify` found.
+        watched: Logs of judged rigs that are evaluated to their end.
         command: That makes this page.
     """
-    fine, changed, own, own_changed = (
+    fine, changed, own, own_changed, quiet, later = (
         [row for row in rows if (row["kind"] == HEALTHY) == well and not row["why"]]
-        for rows in (judged, whole)
+        for rows in (judged, whole, watched)
         for well in (True, False)
     )
     tried = [row for row in calibration if not row["why"]]
@@ -298,10 +448,26 @@ def page(
         reference=REFERENCE_S,
         learned=LEARNING_S,
         stds=MAX_CHANCE_STDS,
+        same=SAME_MOTION_SHARE,
         rigs=len({row["number"] for row in judged}),
         mute=sum(bool(row["why"]) for row in judged),
         healthy=healthy_table(fine),
         changed=changed_table(changed),
+        at=LATER_S,
+        until=WATCHED_S,
+        watched_rigs=len({row["number"] for row in watched}),
+        watched=watched_table(quiet),
+        late_alarms=[
+            (
+                str(row["number"]),
+                row["scenario"],
+                f"{alarm['time']:.0f}",
+                ", ".join(alarm["causes"]),
+            )
+            for row in quiet
+            for alarm in row["alarms"]
+        ],
+        later=later_table(later),
         alarmed=[
             (row["number"], row["scenario"], each.words, f"{abs(each.deviation):.1f}")
             for row in fine
@@ -312,40 +478,57 @@ def page(
         whole_changed=share(sum(bool(significant(row)) for row in own_changed), len(own_changed)),
         calibration_rigs=len({row["number"] for row in tried}),
         calibration_logs=len(tried),
-        calibration=[
-            (
-                name,
-                *(f"{value:.2g}" for value in fit_chance(tried, name)),
-                *(f"{HEALTHY_CHANGE_STDS[name][key]:.2g}" for key in ("scale", "between")),
-                f"{largest_deviation(tried, name):.1f}",
-            )
-            for name in COMPARED_PARAMETERS
-        ],
+        calibration=calibration_table(tried),
+        motions=motion_table([*tried, *fine]),
     )
+
+
+def motion_table(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """How far the dead time of healthy logs is from the reference's, in ms, by their motion."""
+    table: list[tuple[str, ...]] = []
+    for name in HEALTHY_SCENARIOS:
+        found = [
+            each
+            for row in rows
+            if row["scenario"] == name
+            for each in differences(row)
+            if each.name == "delay"
+        ]
+        off, std = (
+            1000 * np.abs([getattr(each, key) for each in found]) for key in ("change", "fit_std")
+        )
+        usual = [float(np.median(values)) if found else 0.0 for values in (off, std)]
+        numbers = (*usual, float(off.max(initial=0.0)))
+        table.append((name, str(len(found)), *(f"{each:.1f}" for each in numbers)))
+    return table
 
 
 @click.command()
 @click.option("--rigs", type=click.IntRange(min=0), default=20, help="How many are judged.")
 @click.option("--calibration", type=click.IntRange(min=1), default=10, help="Others.")
 @click.option("--whole", type=click.IntRange(min=0), default=2, help="Judged rigs identified too.")
-def main(rigs: int, calibration: int, whole: int) -> None:
+@click.option("--watched", type=click.IntRange(min=0), default=5, help="Of whole logs.")
+def main(rigs: int, calibration: int, whole: int, watched: int) -> None:
     """Compare logs of simulated rigs with references, and write how often that is right."""
-    plan = [("calibration", part, False) for part in groups(calibration)]
-    plan += [("judged", part, False) for part in groups(rigs)]
-    plan += [("judged", part, True) for part in groups(whole)]
-    rows: dict[tuple[str, bool], list[dict[str, Any]]] = {
-        key: [] for key in (("calibration", False), ("judged", False), ("judged", True))
+    counts = {
+        ("beginning", False): rigs,
+        ("calibration", False): calibration,
+        ("beginning", True): whole,
+        ("watched", False): watched,
     }
+    plan = [(key, part) for key, count in counts.items() for part in groups(count)]
+    rows: dict[tuple[str, bool], list[dict[str, Any]]] = {key: [] for key in counts}
     with progress("rigs with a reference", 1.0) as advance:
-        for done, (draw, numbers, identified) in enumerate(plan):
+        for done, ((draw, identified), numbers) in enumerate(plan):
             rows[draw, identified] += known(draw, numbers, identified=identified)
             advance((done + 1) / len(plan))
     command = (
         f"uv run python docs/shadow_reference.py --rigs {rigs} --calibration {calibration} "
-        f"--whole {whole}"
+        f"--whole {whole} --watched {watched}"
     )
-    calibrated, judged, identified_too = rows.values()
-    write(HERE / "shadow_reference.md", page(judged, calibrated, identified_too, command))
+    judged, calibrated, identified_too, to_the_end = rows.values()
+    text = page(judged, calibrated, identified_too, to_the_end, command)
+    write(HERE / "shadow_reference.md", text)
 
 
 if __name__ == "__main__":

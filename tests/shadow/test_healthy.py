@@ -11,12 +11,14 @@ from twin.base.errors import LogError
 HOUR = 3600.0
 
 
-def watched(number, screens="even", law=LAW, alarms=(), length=healthy.RUN_S, largest=1.0):
+def watched(
+    number, screens="even", law=LAW, alarms=(), length=healthy.RUN_S, largest=1.0, play=0.1
+):
     """What is said of a rig."""
     about = healthy.Watched(number, screens, law)
     alarms = [{"time": time, "causes": [*causes]} for time, causes in alarms]
     times = {"length": length, "simulating": 2.0, "watching": 1.0}
-    scenario = {"scenario": about.scenario, "why": ""}
+    scenario = {"scenario": about.scenario, "why": "", "play": play}
     return {**about._asdict(), **scenario, **times, "alarms": alarms, "every": largest, "late": 0.5}
 
 
@@ -54,10 +56,24 @@ def test_each_other_law_has_its_hours_alarms_and_largest_ratios():
     found += [watched(0, "uneven", "lqr", [(7.0, ("level",))], HOUR, 13.0)]
     text = healthy.page_of_laws(found, "shadow_healthy.py")
     none = ["pid", "3", "3.0", "0", "0 (0 to 29.5)", "not shown", "1.0", "0.5"]  # 24 * 3.689 / 3
-    assert rows_of(text, "pid") == [none]
+    assert rows_of(text, "pid") == [[*none, "40", "20"]]  # 20 runs of 180 s are an hour
     assert rows_of(text, "all")[0][:4] == ["all", "4", "4.0", "1"]
     assert rows_of(text, "lqr")[1] == ["lqr", "uneven", "excite", "0", "7", "level"]
     assert "without a verdict" not in text
+
+
+def test_the_cure_is_counted_apart_on_rigs_with_wide_play():
+    found = [watched(n, "uneven", "cure", length=HOUR, play=0.1 * n) for n in range(4)]
+    found += [watched(0, "uneven", "lqr", [(7.0, ("level",))], 2 * HOUR, play=0.3)]
+    text = healthy.page_of_laws(found, "shadow_healthy.py")
+    groups = ("cure, play up to", "cure, play above", "all, play up to", "all, play above")
+    assert [rows_of(text, f"{each} 0.15 deg")[0][1:4] for each in groups] == [
+        ["2", "2.0", "0"],
+        ["2", "2.0", "0"],
+        ["2", "2.0", "0"],
+        ["3", "4.0", "1"],
+    ]
+    assert "is 0.00 to 0.30 deg of plate angle, median 0.20." in text
 
 
 @pytest.mark.parametrize(
@@ -70,16 +86,15 @@ def test_a_rate_is_shown_or_refuted_only_where_its_whole_interval_is(alarms, hou
 
 
 def test_more_hours_keep_the_rigs_of_fewer():
-    few, many = (list(healthy.jobs(hours, 0.2)) for hours in (3, 6))
-    assert len(few) == 3
-    assert [job for job in many if job[0].law == LAW][:2] == few[:-1]
-    assert few[-1] == many[-1]
+    few, many = (list(healthy.jobs(*hours)) for hours in ((3, 2), (6, 6)))
+    assert {*few} < {*many}
+    assert all(len({each.law for each in job}) == 1 for job in many)
     rigs = [each for job in many for each in job]
     assert len({each.seed for each in rigs}) == len(rigs)
     own = [each for each in rigs if each.law == LAW]
     assert len(own) * healthy.RUN_S / HOUR == 12
     for law in LAWS:
-        assert law == LAW or sum(each.law == law for each in rigs) * healthy.RUN_S / HOUR == 0.2
+        assert law == LAW or sum(each.law == law for each in rigs) * healthy.RUN_S / HOUR == 6
 
 
 @pytest.mark.long

@@ -1,6 +1,7 @@
 """`twin.shadow.learning`: What the beginning of a log teaches, and how a reference differs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,13 @@ from twin.shadow.learning import (
     COMPARED_PARAMETERS,
     HEALTHY_CHANGE_STDS,
     MAX_CHANCE_STDS,
+    SAME_MOTION_SHARE,
+    TRACK_STEP_S,
     Difference,
+    HealthyTwin,
+    ball_track,
     compare_with_reference,
+    motion_distance,
     shift_parameters,
 )
 from twin.shadow.report import sentences
@@ -33,14 +39,26 @@ def shift(**by):
     return np.array([by.get(name, 0.0) for name in WATCHED_PARAMETERS])
 
 
-def compared(monkeypatch, belief, **by):
-    """What is said of a log to which the fit moves the twin by so much."""
+def circle(seconds, since=0.0, radius=0.1):
+    """The track of a ball on a circle, noisy, m."""
+    time = since + np.arange(0, seconds, TRACK_STEP_S)
+    place = radius * np.stack((np.cos(time), np.sin(time)), axis=-1)
+    return place + 0.001 * np.random.default_rng(round(since) + 9).standard_normal(place.shape)
+
+
+def compared(monkeypatch, belief, track=None, **by):
+    """What is said of a log to which the fit moves the twin by so much.
+
+    The reference is a circle, and so is the log unless a track is given.
+    """
 
     def fitted(_log, given, _gaps):
         return replace(shift_parameters(given, shift(**by)), constant=np.full(11, 1e-6)), 0.0
 
     monkeypatch.setattr(learning, "fit_belief", fitted)
-    return compare_with_reference(None, belief, None)
+    own = circle(20.0, 5.0) if track is None else track
+    monkeypatch.setattr(learning, "ball_track", lambda _: own)
+    return compare_with_reference(None, HealthyTwin(belief, circle(30.0)), None)
 
 
 @pytest.mark.parametrize(
@@ -70,6 +88,44 @@ def test_a_rig_of_one_axis_has_one_level(monkeypatch):
     found = compared(monkeypatch, believed("parameters=tube"), delay=0.03)
     assert "level_theta" not in {each.name for each in found}
     assert "level_phi" in {each.name for each in found}
+
+
+def test_the_same_motion_is_found_at_any_shift_in_time_and_across_gaps():
+    reference = circle(30.0)
+    cut = circle(20.0, 7.3)
+    cut[100:150] = np.nan
+    for track in (circle(20.0, 7.3), circle(20.0, -6.0), cut):
+        assert motion_distance(track, reference) == pytest.approx(np.sqrt(2) * 0.01, abs=0.02)
+    line = circle(20.0) * (1.0, 0.0)
+    for other in (line, circle(20.0, radius=0.06), circle(40.0)[::2]):
+        assert motion_distance(other, reference) > SAME_MOTION_SHARE
+    assert motion_distance(circle(9.0), reference) == np.inf
+
+
+def test_a_track_has_no_ball_in_a_gap():
+    time = np.arange(0.0, 3.0, 0.02)
+    parts = [
+        SimpleNamespace(sampled=part, ball=np.stack((part, -part), axis=-1))
+        for part in (time[:50], time[100:])
+    ]
+    track = ball_track(SimpleNamespace(segments=parts))
+    at = TRACK_STEP_S * np.arange(len(track))
+    inside = (at <= 0.98 + 1e-9) | (at >= 2.0 - 1e-9)
+    np.testing.assert_allclose(track[inside], np.stack((at, -at), axis=-1)[inside])
+    assert np.isnan(track[~inside]).all()
+    assert len(track) == 75
+
+
+def test_a_dead_time_counts_for_more_in_a_log_of_the_same_motion(monkeypatch):
+    """A change between both limits, which the scales of the calibration set."""
+    about = HEALTHY_CHANGE_STDS["delay"]
+    between = MAX_CHANCE_STDS * 1e-6 * (about["scale"] + about["same_motion_scale"]) / 2
+    line = circle(20.0) * (1.0, 0.0)
+    for track, seen in ((None, True), (line, False)):
+        found = compared(monkeypatch, believed(), track, delay=between)
+        assert [each.name for each in found if each.significant] == ["delay"] * seen
+        said = " ".join(sentences(report(*found)))
+        assert ("Their motion is not that of the reference" in said) == (not seen)
 
 
 def rolling_std(value, fit_std):

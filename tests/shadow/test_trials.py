@@ -185,14 +185,17 @@ def test_whatever_happens_to_a_rig_of_the_family_can_be_simulated():
         assert belief.plant.friction.rolling_mm != truth.plant.friction.rolling_mm
 
 
-def compared(number, kind, *parameters, scenario="circle", identified=False):
-    """A log of a rig with (name, change, fit_std) of parameters with a reference value of 1."""
-    keys = ("name", "change", "fit_std")
-    found = [
-        {**dict(zip(keys, each, strict=True)), "reference": 1.0, "unit": 1.0} for each in parameters
-    ]
-    about = {"number": number, "kind": kind, "scenario": scenario, "identified": identified}
-    return {**about, "why": "", "differences": found}
+def compared(number, kind, *parameters, scenario="circle", at=0.0, alarms=(), same=False):
+    """A log of a rig with (name, change, fit_std) of parameters with a reference value of 1.
+
+    Alarms are pairs of a time in s and a cause; the same motion is that of the reference.
+    """
+    keys, more = ("name", "change", "fit_std"), {"reference": 1.0, "unit": 1.0, "same_motion": same}
+    found = [dict(zip(keys, each, strict=True)) | more for each in parameters]
+    about = {"number": number, "kind": kind, "scenario": scenario, "identified": False}
+    alarms = [{"time": time, "causes": [cause]} for time, cause in alarms]
+    watched = {"at": at, "alarms": alarms, "watched": 40.0}
+    return {**about, **watched, "why": "", "differences": found}
 
 
 def test_the_page_of_references_counts_every_log_that_is_told_to_differ():
@@ -207,8 +210,8 @@ def test_the_page_of_references_counts_every_log_that_is_told_to_differ():
         compared(2, kinds[0], quiet),
         {**compared(2, HEALTHY), "why": "too short"},
     ]  # fmt: skip
-    calibration = [compared(k, HEALTHY, quiet, *same) for k in range(3)]
-    text = references.page(judged, calibration, [], "shadow_reference.py")
+    calibration = [compared(k, HEALTHY, quiet, *same, same=k == 0) for k in range(3)]
+    text = references.page(judged, calibration, [], [], "shadow_reference.py")
     # Wilson: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n) with z = 1.96
     assert "| all | 1 of 3 (6 to 79 %) |" in text
     assert "| sine | 1 of 2 (9 to 91 %) |" in text
@@ -217,6 +220,54 @@ def test_the_page_of_references_counts_every_log_that_is_told_to_differ():
     assert "| 1 | sine | rolling friction 1000.000 -> 2000.000 mm (+100 %) |" in text
     assert "3 simulated rigs of" in text
     assert "1 log was refused" in text
+
+
+def cells_of(text, name):
+    """The cells of the last row of a table that begins so."""
+    line = [each for each in text.splitlines() if each.startswith(f"| {name} |")][-1]
+    return [cell.strip() for cell in line.strip("|").split("|")][1:]
+
+
+def test_the_page_of_references_counts_alarms_before_and_after_a_later_change():
+    kind = next(iter(references.CHANGES))
+    quiet = [(name, 1e-9, 1.0) for name in references.COMPARED_PARAMETERS]
+    calibration = [compared(k, HEALTHY, *quiet, same=k == 0) for k in range(3)]
+    watched = [compared(k, HEALTHY) for k in range(89)]
+    watched += [compared(89, HEALTHY, scenario="sine", alarms=[(30.0, "level"), (50.0, "cams")])]
+    watched += [
+        compared(0, kind, at=40.0, alarms=[(44.0, "rolling friction")]),
+        compared(1, kind, at=40.0, alarms=[(48.0, "level")]),
+        compared(2, kind, at=40.0, alarms=[(31.0, "level"), (44.0, "rolling friction")]),
+        compared(3, kind, at=40.0),
+        {**compared(4, kind, at=40.0), "why": "too short"},
+    ]
+    text = references.page([], calibration, [], watched, "shadow_reference.py")
+    # 90 logs of 40 s are an hour; Poisson: 2 alarms are 0.24 to 7.22
+    assert cells_of(text, "all") == ["1 of 90 (0 to 6 %)", "2 in 1.00 h (0.24 to 7.22 per hour)"]
+    assert cells_of(text, "89") == ["sine", "50", "cams"]
+    assert cells_of(text, kind) == ["4", "1", "2 of 3 (21 to 94 %)", "1", "6"]
+
+
+def test_dead_times_are_calibrated_for_the_same_and_for_another_motion():
+    rng = np.random.default_rng(4)
+    rows = [compared(0, HEALTHY, ("delay", change, 1.0)) for change in rng.standard_normal(2000)]
+    for row in rows[::2]:
+        (found,) = row["differences"]
+        found["same_motion"], found["change"] = True, 0.002 + 2 * found["change"]
+    same, other = (references.fit_chance(rows, "delay", same_motion=each) for each in (True, False))
+    assert same[0] == pytest.approx(2.0, rel=0.05)
+    assert other[0] == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_later_change_is_one_of_the_scenario_and_no_other_of_its_settings():
+    true = {references.ROLLING: 0.2, references.LEVEL: [0.1, 0.0]}
+    rig = references.Rig(true, "sine", 3, {**true, references.LEVEL: [0.1, 0.5]})
+    known, own = (load(rig.scenario, each) for each in rig.overrides(50.0))
+    assert (known.duration, own.duration, own.seed) == (50.0, 50.0, 3)
+    assert not known.change
+    assert known.plant.friction.rolling_mm != own.plant.friction.rolling_mm == 0.2
+    (change,) = own.change
+    assert (change.at, change.set) == (references.LATER_S, {references.LEVEL: [0.1, 0.5]})
 
 
 @pytest.mark.parametrize(("scale", "between"), [(3.0, 0.0), (1.0, 0.05), (2.0, 0.02)])

@@ -38,6 +38,7 @@ from twin.shadow.horizon import HORIZON_S, FrictionMap, Replays, replays
 from twin.shadow.learning import (
     LEARNING_S,
     Difference,
+    HealthyTwin,
     beginning,
     compare_with_reference,
     learn,
@@ -154,7 +155,7 @@ def shadow(
     *,
     learning: bool = False,
     replaying: bool = True,
-    reference: Belief | None = None,
+    reference: HealthyTwin | None = None,
 ) -> Shadow:
     """Run the twin on a log.
 
@@ -195,7 +196,7 @@ class Follower:
         *,
         learning: bool = False,
         replaying: bool = True,
-        reference: Belief | None = None,
+        reference: HealthyTwin | None = None,
     ) -> None:
         self.result = Shadow(SequentialTests(belief))
         self._belief, self._learning, self._replaying = belief, learning, replaying

@@ -7,8 +7,10 @@ so much room; it is put where they put it, expanded again there, and its screen 
 as their residuals require.
 
 Learning hides what has changed before a log begins. So a twin that was learned from a reference log
-is compared with the same fit to the beginning of a second log: what differs by more than both fits
-may be wrong by, and healthy logs of one rig differ by, has changed.
+is compared with the same fit to the beginning of another log: what differs by more than both fits
+may be wrong by, and healthy logs of one rig differ by, has changed. What a twin does not know of a
+screen and its friction makes the same error in two logs of the same motion, and shows as a change
+where the motions differ: of the dead time above all.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from twin.base.data_file import read_toml
 from twin.identify.logs import Log
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.parameters import LEVELS
-from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, prepare
+from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, interpolate, prepare
 from twin.identify.windows import unknown_motion
 from twin.scenario.load import check, put
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, OPEN_STD, WATCHED_PARAMETERS, Belief
@@ -56,7 +58,12 @@ REFERENCE_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 """Constants of that comparison; the file explains its entries."""
 HEALTHY_CHANGE_STDS: dict[str, dict[str, float]] = REFERENCE_TABLES["parameters"]
 """Scale on the errors of the fits, and standard deviation by which fits to healthy logs of one rig
-differ beyond these (rolling relative, the noise as a logarithm, else SI), of each parameter."""
+differ beyond these (rolling relative, the noise as a logarithm, else SI), of each parameter;
+``same_motion_scale`` is the scale where the motion is that of the reference, if it is another."""
+TRACK_STEP_S = 0.04
+"""Seconds between two places of a ball's track, by which motions are compared."""
+SAME_MOTION_SHARE = 0.3
+"""Distance of two tracks, in sizes of the motion, below which the motion is the same."""
 MAX_CHANCE_STDS = float(REFERENCE_TABLES["max_chance_stds"])
 """Standard deviations up to which a difference from the reference is explained by chance."""
 PARAMETER_LABELS = {
@@ -184,6 +191,54 @@ def shift_parameters(belief: Belief, by: Array) -> Belief:
 
 
 @dataclass(frozen=True)
+class HealthyTwin:
+    """The twin of a rig after a reference log, and the motion in that log.
+
+    Attributes:
+        belief: The twin.
+        track: As ``ball_track`` gives it.
+    """
+
+    belief: Belief
+    track: Array
+
+
+def ball_track(log: PreparedLog) -> Array:
+    """The ball every ``TRACK_STEP_S`` of a log, m, shape (K, 2); NaN outside of its segments."""
+    first, last = log.segments[0], log.segments[-1]
+    time = np.arange(first.sampled[0], last.sampled[-1], TRACK_STEP_S)
+    track = np.full((len(time), 2), np.nan)
+    for each in log.segments:
+        inside = (time >= each.sampled[0]) & (time <= each.sampled[-1])
+        track[inside] = interpolate(time[inside], each.sampled, each.ball)
+    return track
+
+
+def motion_distance(track: Array, other: Array) -> float:
+    """RMS distance of two tracks over the RMS size of the motion, at the best shift in time.
+
+    Tracks overlap for at least half of ``LEARNING_S`` at a shift that counts.
+
+    Args:
+        track: As ``ball_track`` gives it, shape (K, 2).
+        other: The same, shape (M, 2).
+
+    Returns:
+        0 for the same motion, infinite if the tracks are too short to be compared.
+    """
+    least, best = round(LEARNING_S / 2 / TRACK_STEP_S), np.inf
+    for shift in range(least - len(track), len(other) - least + 1):
+        own, there = track[max(0, -shift) :], other[max(0, shift) :]
+        both = min(len(own), len(there))
+        pair = np.concatenate((own[:both], there[:both]), axis=1)
+        pair = pair[np.isfinite(pair).all(axis=1)]
+        if len(pair) >= least:
+            apart, size = pair[:, :2] - pair[:, 2:], pair[:, :2] - pair[:, :2].mean(axis=0)
+            best = min(best, float(np.sqrt((apart**2).sum() / max((size**2).sum(), 1e-12))))
+    return best
+
+
+@dataclass(frozen=True)
 class Difference:
     """How a parameter of a log's beginning compares with the reference's.
 
@@ -193,6 +248,7 @@ class Difference:
         change: By how much the log's value is larger, in the same unit.
         fit_std: Standard deviation of the change by the errors that both fits state of themselves.
         unit: Value that counts as 1 in a relative change.
+        same_motion: Whether the ball moved as in the reference log.
     """
 
     name: str
@@ -200,12 +256,16 @@ class Difference:
     change: float
     fit_std: float
     unit: float
+    same_motion: bool = False
 
     @property
     def std(self) -> float:
         """Standard deviation of the change if the rig is the same."""
         healthy = HEALTHY_CHANGE_STDS[self.name]
-        return float(np.hypot(healthy["scale"] * self.fit_std, healthy["between"] * self.unit))
+        scale = healthy["scale"]
+        if self.same_motion:
+            scale = healthy.get("same_motion_scale", scale)
+        return float(np.hypot(scale * self.fit_std, healthy["between"] * self.unit))
 
     @property
     def deviation(self) -> float:
@@ -260,7 +320,7 @@ class Difference:
 
 
 def compare_with_reference(
-    log: PreparedLog, reference: Belief, gaps: Array
+    log: PreparedLog, reference: HealthyTwin, gaps: Array
 ) -> tuple[Difference, ...]:
     """Compare the beginning of a log with the twin that was learned from the reference log.
 
@@ -276,16 +336,19 @@ def compare_with_reference(
     Returns:
         The parameters, the largest deviation first.
     """
-    found, _ = fit_belief(log, reference, gaps)
-    old, new = _compared_values(reference), _compared_values(found)
+    belief = reference.belief
+    same = motion_distance(ball_track(log), reference.track) < SAME_MOTION_SHARE
+    found, _ = fit_belief(log, belief, gaps)
+    old, new = _compared_values(belief), _compared_values(found)
     differences = []
     for name in COMPARED_PARAMETERS:
-        if name in LEVELS[reference.scenario.plant.axes :]:
+        if name in LEVELS[belief.scenario.plant.axes :]:
             continue
         at = WATCHED_PARAMETERS.index(name)
         unit = old[name] if name == "rolling" else 1.0
         change = new[name] - old[name]
-        differences.append(Difference(name, old[name], change, float(found.constant[at]), unit))
+        std = float(found.constant[at])
+        differences.append(Difference(name, old[name], change, std, unit, same))
     return tuple(sorted(differences, key=lambda each: -abs(each.deviation)))
 
 

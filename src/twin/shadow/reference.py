@@ -28,10 +28,9 @@ from twin.identify.twin_model import identify_twin
 from twin.identify.verdicts import IDENTIFIED_VERDICT, Identification
 from twin.run.files import run_name
 from twin.scenario.load import load
-from twin.shadow.belief import Belief
 from twin.shadow.evidence import gaps
 from twin.shadow.follow import Shadow
-from twin.shadow.learning import learn, prepare_for
+from twin.shadow.learning import HealthyTwin, ball_track, learn, prepare_for
 from twin.shadow.report import examine_log, make_twin, read_watched, watched_twin
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.rim import NO_ENDS, Ends
@@ -266,7 +265,7 @@ def learn_twin(
     *,
     ball: str | float | None = None,
     ends: Sequence[Ends] = (),
-) -> Belief:
+) -> HealthyTwin:
     """The twin of a rig after all of a reference log; arguments and errors as of ``examine_log``.
 
     It is what the beginnings of other logs are compared with. An identification leaves some
@@ -274,7 +273,7 @@ def learn_twin(
     """
     log, belief = watched_twin(recorded, overrides, ball, ends)
     usable = prepare_for(log, belief)
-    return learn(usable, belief, gaps(log, usable.period))
+    return HealthyTwin(learn(usable, belief, gaps(log, usable.period)), ball_track(usable))
 
 
 def _ball_of(on: str) -> BallPlate | None:

@@ -41,7 +41,7 @@ from twin.shadow.belief import (
 from twin.shadow.causes import Alarm
 from twin.shadow.follow import DIAGNOSIS_S, LEAST_TOLD, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
-from twin.shadow.learning import LEARNING_S, SHOWN_LIMITS
+from twin.shadow.learning import LEARNING_S, SHOWN_LIMITS, HealthyTwin
 from twin.sim.plant.rim import Ends
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
@@ -260,10 +260,16 @@ def _compared(found: Shadow) -> list[str]:
             f"the same differs by less in its first {LEARNING_S:g} s."
         ]
     sizes = [each.least for each in found.differences if each.name in SHOWN_LIMITS]
-    return [
+    words = [
         f"The first {LEARNING_S:g} s agree with the reference; not distinguishable from it: a "
         f"difference of {', of '.join(sizes)}."
     ]
+    if not any(each.same_motion for each in found.differences):
+        words.append(
+            "Their motion is not that of the reference; the same motion shows smaller differences "
+            "of the dead time."
+        )
+    return words
 
 
 def indistinguishable(found: Shadow) -> list[str]:
@@ -428,7 +434,7 @@ def examine_log(
     ball: str | float | None = None,
     learning: bool = False,
     ends: Sequence[Ends] = (),
-    reference: Belief | None = None,
+    reference: HealthyTwin | None = None,
 ) -> Shadow:
     """Run the twin on a log that was read by ``read_watched``, and write its report.
 
