@@ -351,11 +351,11 @@ def calibration_row(
 ) -> tuple[str, ...]:
     """A row of a table: most likely constants, those in use, largest deviation with these."""
     likely_ones = fit_chance(rows, name, same_motion=same_motion)
-    chance = HEALTHY_CHANGE_STDS[name]
-    used = (chance["same_motion_scale" if same_motion else "scale"], healthy["between"])
+    healthy = HEALTHY_CHANGE_STDS[name]
+    used = (healthy["same_motion_scale" if same_motion else "scale"], healthy["between"])
     found = changes_of(rows, name, same_motion=same_motion)
     largest = max(abs(each.deviation) for each in found)
-    own = "same_motion_scale" in chance
+    own = "same_motion_scale" in healthy
     label = f"{name}, {'the same' if same_motion else 'another'} motion" if own else name
     return label, *(f"{each:.2g}" for each in (*likely_ones, *used)), f"{largest:.1f}"
 
