@@ -59,7 +59,7 @@ REFERENCE_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 HEALTHY_CHANGE_STDS: dict[str, dict[str, float]] = REFERENCE_TABLES["parameters"]
 """Scale on the errors of the fits, and standard deviation by which fits to healthy logs of one rig
 differ beyond these (rolling relative, the noise as a logarithm, else SI), of each parameter;
-``same_motion_scale`` is the scale where the motion is that of the reference, if it is another."""
+``same_motion_scale``, where given, is the scale of logs with the motion of the reference."""
 TRACK_STEP_S = 0.04
 """Seconds between two places of a ball's track, by which motions are compared."""
 SAME_MOTION_SHARE = 0.3
