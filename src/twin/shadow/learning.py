@@ -325,12 +325,12 @@ def compare_with_reference(
     """Compare the beginning of a log with the twin that was learned from the reference log.
 
     That twin is fitted to the beginning, on the screen of the reference, so that an error of the
-    model is the same in both. The standard deviation of a difference is that of both fits and of
-    what healthy logs of a rig differ by beyond it.
+    model is the same in both where their motion is. The standard deviation of a difference is that
+    of both fits and of what healthy logs of a rig differ by beyond it.
 
     Args:
         log: The beginning.
-        reference: The twin learned from the reference log.
+        reference: The twin learned from the reference log, and the motion in that log.
         gaps: Of the log.
 
     Returns:
