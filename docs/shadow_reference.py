@@ -72,7 +72,8 @@ DRAWS = {"calibration": 63_001, "beginning": 63_003, "watched": 63_003}
 """Seeds of the draws of rigs, of what is done with them: constants are set, the beginning of their
 logs is compared, their logs are evaluated to the end."""
 REFERENCE_S, BEGINNING_S, WATCHED_S = 30.0, LEARNING_S + 1.0, 61.0
-"""Seconds of a reference log, of a log of which only the beginning counts, and of another."""
+"""Seconds of a reference log, of a log of which only the beginning counts, and of one that is
+evaluated to its end."""
 REFERENCE_MOTION = HEALTHY_SCENARIOS[0]
 """The scenario of a reference log."""
 LATER_S = 40.0

@@ -14,19 +14,12 @@ import pytest
 from own_board import EXAMPLE, example
 
 from ballplate.hardware import Reading
+from twin.base.jobs import wait_until
 
 
 def line_of(text):
     """A line with its check sum, by the description of the examples."""
     return f"{text}*{sum(map(ord, text)) & 0xFF:02X}\n".encode("ascii")
-
-
-def waited(condition, seconds=60.0):
-    """Whether something becomes true within a time in s."""
-    end = time.monotonic() + seconds
-    while not (found := condition()) and time.monotonic() < end:
-        time.sleep(0.005)
-    return found
 
 
 @pytest.fixture
@@ -67,20 +60,20 @@ def test_an_older_or_broken_line_is_dropped_and_a_ball_not_seen_is_not_a_number(
     for text in ("B 5 1.0 2.0", "B 3 9.0 9.0", "B 5 9.0 9.0"):  # overtaken, repeated
         board.sendto(line_of(text), peer)
     board.sendto(line_of("B 6 9.0 9.0").replace(b"9.0*", b"8.0*"), peer)
-    assert waited(lambda: rig.measure().x != 0.03)
+    assert wait_until(lambda: rig.measure().x != 0.03, 60.0)
     time.sleep(0.02)
     assert rig.measure()[:2] == (0.001, 0.002)
     board.sendto(line_of("B 7 - -"), peer)
-    assert waited(lambda: math.isnan(rig.measure().x))
+    assert wait_until(lambda: math.isnan(rig.measure().x), 60.0)
     assert rig.faults() == ()
 
 
 def test_a_board_that_counts_from_the_beginning_was_reset(board, connected):
     rig, peer = connected
     board.sendto(line_of("B 400 1.0 2.0"), peer)
-    assert waited(lambda: rig.measure().x == 0.001)
+    assert wait_until(lambda: rig.measure().x == 0.001, 60.0)
     board.sendto(line_of("B 1 1.0 2.0"), peer)
-    assert waited(lambda: (rig.measure(), rig.faults())[1])
+    assert wait_until(lambda: (rig.measure(), rig.faults())[1], 60.0)
     assert rig.faults() == ("the board was reset once",)
 
 
@@ -162,9 +155,9 @@ def test_pictures_that_end_are_a_fault_of_the_camera(camera):
     camera.start()
     assert camera.measure()[:2] == pytest.approx((0.03, -0.02), abs=5e-4)
     first = camera.measure().at
-    assert waited(lambda: camera.measure().at > first)
+    assert wait_until(lambda: camera.measure().at > first, 60.0)
     camera.camera.read = lambda: (False, None)
-    assert waited(camera.faults)
+    assert wait_until(camera.faults, 60.0)
     assert camera.faults() == ("camera made: no more pictures",)
     camera.stop()
     assert not camera.thread.is_alive()

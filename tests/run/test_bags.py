@@ -156,3 +156,31 @@ def test_messages_in_json_are_columns_at_the_times_of_logging(tmp_path):
     own = np.delete(np.arange(len(X)), 5)
     np.testing.assert_array_equal(np.asarray(table.columns["/rig/ball.x"])[own], X[own])
     np.testing.assert_allclose(table.clocks["/rig/u.1"], T, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (b"2", "/rig"),
+        (b"[2]", "/rig/0"),
+        (b"[" * 990 + b"2" + b"]" * 990, ""),
+        (b"[" * 20_000 + b"2" + b"]" * 20_000, ""),
+        (b'{"x": 1' + b"0" * 400 + b"}", "/rig/x"),
+        (b'{"x": 1' + b"0" * 5000 + b"}", "/rig/x"),
+    ],
+    ids=["number", "list", "nested", "nested deeper", "beyond a double", "of 5001 digits"],
+)
+def test_a_strange_message_in_json_costs_no_other(tmp_path, data, name):
+    from mcap.writer import Writer as PlainWriter
+
+    path = tmp_path / "rig.mcap"
+    with path.open("wb") as file:
+        writer = PlainWriter(file)
+        writer.start()
+        channel = writer.register_channel("/rig", "json", 0)
+        for k, each in enumerate((b'{"y": 1}', data, b'{"y": 3}')):
+            writer.add_message(channel, k, each, k)
+        writer.finish()
+    columns = foreign_table(path).columns
+    np.testing.assert_array_equal(columns["/rig/y"], [1, np.nan, 3])
+    assert set(columns) == {"/rig/y", *filter(None, [name])}

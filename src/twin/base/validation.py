@@ -89,7 +89,7 @@ class BeyondModel:
         keys: Dotted keys of all tables; of an unknown key those of its name, or in a table of its
             name, are suggested.
         values: Allowed values of keys that the model takes as any text, by dotted key.
-        owners: Of keys that belong to other choices, what has them, by name.
+        owners: Of keys that belong to other choices, what has them, by dotted key.
     """
 
     keys: Sequence[str] = ()

@@ -302,9 +302,9 @@ def shadow(
     --columns a log of any rig, its ball by --on or --ball, or learned from the reference. --ball
     states the ball of a CSV file with named columns, too; a run states its own.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). With --reference it is identified from its
-    log, and several logs are judged, each in a folder of its own. Writes shadow.html and
-    shadow.json. Exit code 1 after an alarm, or if a log differs from the reference from its start.
+    identified ones: it learns then as with --learn). With --reference it is identified from LOG0,
+    and several logs are judged, each in a folder of its own. Writes shadow.html and shadow.json.
+    Exit code 1 after an alarm, or if a log differs from the reference from its start.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
     names = [run_name(file) for file in files]
@@ -416,8 +416,11 @@ def whatif(
     """
     run = log_file(run)  # a wrong name is reported before anything heavy is imported
     options.check_settings(settings, "--set")
-    for branch in branches:
-        options.check_settings(filter(str.strip, branch.split(";")), "--branch")
+    if branches:
+        from twin.scenario.load import split_settings
+
+        for branch in branches:
+            options.check_settings(split_settings(branch), "--branch")
     if log["columns"] is not None:
         _check_columns([run], log)
     from twin.base.jobs import SecondProcess, cores

@@ -24,17 +24,8 @@ from twin.identify.least_squares import (
     fit_starts_from_scratch,
     minimise,
 )
-from twin.identify.parameters import (
-    BALL_PARAMETERS,
-    LEVELS,
-)
-from twin.identify.windows import (
-    LOOKBACK_S,
-    Patches,
-    Windows,
-    replay,
-    unknown_motion,
-)
+from twin.identify.parameters import BALL_PARAMETERS, LEVELS
+from twin.identify.windows import LOOKBACK_S, Patches, Windows, replay, unknown_motion
 from twin.sim.plant.friction import Friction, SurfaceMap
 
 
@@ -234,7 +225,7 @@ def fit_twin(
     guesses: Array | None = None,
     selection: TwinSelection = TWIN_SELECTION,
 ) -> Fit[TwinProblem]:
-    """Fit the parameters, from many starts unless guesses are given; ``grip`` as in ``replay``.
+    """Fit the parameters of a twin to windows of a log, from many starts unless guesses are given.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
     the truth: windows in which the ball rolls throughout give rolling friction, delay and level
@@ -243,6 +234,15 @@ def fit_twin(
     are then not explained at all are left out, and the rest is fitted again; so is all if in some
     windows the ball did not rest at first, but crept. Of an uneven screen the patches, and other
     forces that nobody knows, are part of the noise, in the sizes that make the log most likely.
+
+    Args:
+        model: Ball parameters.
+        windows: Of the log, at least 3.
+        names: The P fitted parameters, of ``BALL_PARAMETERS``.
+        grip: Time in s within which friction stops a ball, see ``replay``.
+        uneven: Whether patches of the screen and other forces are part of the noise.
+        guesses: Parameters where fits begin, shape (C, P), SI units; None to search.
+        selection: Constants of the fit.
     """
     problem = TwinProblem(windows, names, model, grip, noise=selection.noise)
     if guesses is None:

@@ -13,16 +13,9 @@ import numpy as np
 
 from controllers.ballplate import time_constant
 from twin.base.errors import LogError, plural
-from twin.identify.least_squares import (
-    Fit,
-)
+from twin.identify.least_squares import Fit
 from twin.identify.logs import Log, rig_of
-from twin.identify.parameters import (
-    AT_REST,
-    FITTED_SHARE,
-    LEVELS,
-    fitted_parameters,
-)
+from twin.identify.parameters import AT_REST, FITTED_SHARE, LEVELS, fitted_parameters
 from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
 from twin.identify.twin_fit import (
@@ -42,13 +35,7 @@ from twin.identify.verdicts import (
     predict_windows,
     score,
 )
-from twin.identify.windows import (
-    LOOKBACK_S,
-    Spans,
-    Windows,
-    cut,
-    moving_spans,
-)
+from twin.identify.windows import LOOKBACK_S, Spans, Windows, cut, moving_spans
 
 
 def replay_log(

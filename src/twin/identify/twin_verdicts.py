@@ -12,17 +12,8 @@ from scipy import stats
 from controllers.arrays import Array
 from controllers.ballplate import corner_frequency
 from twin.base.errors import plural
-from twin.identify.least_squares import (
-    START_PRIOR,
-    Estimate,
-    Fit,
-)
-from twin.identify.parameters import (
-    BALL_PARAMETERS,
-    HIDDEN_PARAMETERS,
-    LEVELS,
-    SERVO_PARAMETER,
-)
+from twin.identify.least_squares import START_PRIOR, Estimate, Fit
+from twin.identify.parameters import BALL_PARAMETERS, HIDDEN_PARAMETERS, LEVELS, SERVO_PARAMETER
 from twin.identify.plate_motion import Drives
 from twin.identify.twin_fit import TwinProblem
 from twin.identify.verdicts import (

@@ -104,8 +104,8 @@ class WeakGrid:
         time: s, shape (N,).
         ball: m, shape (N,).
         weight: Test function, shape (2 half + 1,).
-        slope: Its derivative.
-        bend: Its second derivative.
+        slope: Its derivative, shape (2 half + 1,).
+        bend: Its second derivative, shape (2 half + 1,).
     """
 
     log: AxisLog
@@ -196,7 +196,7 @@ class WeakWindows:
         grid: Of which they are windows.
         rows: Indices of their middles on the grid, shape (R,).
         speed: Of the ball on the grid, m/s, shape (N,).
-        near: When the ball is near either end, shapes (N,).
+        near: When the ball is near the lower and the upper end of its way, shape (N,) each.
         rolling: Whether the ball rolls in one direction in all of them, or moves in any way.
     """
 
@@ -268,8 +268,8 @@ class WeakSolution:
     Attributes:
         lag: The best lag, s.
         delay: The best dead time, s.
-        values: Gain by swing of the tilt, and the other values.
-        stds: Their standard deviations.
+        values: Gain by swing of the tilt, m/s^2, level and terms in their order, shape (2 + T,).
+        stds: Their standard deviations, shape (2 + T,).
         residuals: Of the equation in the windows, shape (R,).
         kept: Windows that are no outliers, shape (R,).
         explained: Share of the variance of the left side.

@@ -92,7 +92,7 @@ class RigChoice:
 
     @property
     def family(self) -> str:
-        """Name of the family of what is not known of the rig."""
+        """Name of the family of rigs that differ by what is not known of this one."""
         return OWN_FAMILY if self.on else FAMILY
 
     def scenarios(self, name: str | Path, seconds: float) -> tuple[Scenario, list[Scenario]]:

@@ -8,7 +8,7 @@ with one entry per rig; what the rigs of a batch have only once is refused by na
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,10 +27,6 @@ from twin.sim.plant.interface import Plant
 from twin.sim.rig import SimulatedDevices, SimulatedRig
 from twin.sim.sensors import EncoderModel, TouchModel
 
-if TYPE_CHECKING:
-    pass
-
-
 SHARED_KEYS = (
     *("plant.kind", "plant.step", "plant.axes", "rig.period", "duration", "sensors.ideal"),
     *(about.key for cls in (Linkage, TiltTable) for about in settings_of(cls).values()),
@@ -41,7 +37,7 @@ SHARED_EXACT = (
     *("plant.ball_spin", "plant.plate.height"),
     *(f"plant.ball.{of}" for of in ("mass", "radius", "inertia")),
 )
-"""The same of rigs on the exact equations, besides."""
+"""Further keys in which the rigs of a batch on the exact equations must agree."""
 
 
 class Assembled(NamedTuple):

@@ -145,15 +145,16 @@ def _of_messages(messages: Iterable[_Raw]) -> ForeignTable:
         logged_s = (each.logged - first) / NANOSECONDS_PER_S
         own.append((logged_s, (stamped - first) / NANOSECONDS_PER_S if stamped else np.nan))
         columns = fields.setdefault(each.topic, {})
-        for name, value in _numbers("", message):
-            columns.setdefault(name, {})[len(own) - 1] = value
+        with suppress(RecursionError):  # one in JSON may be nested without end
+            for name, value in _numbers("", message):
+                columns.setdefault(name, {})[len(own) - 1] = value
     return _table(times, fields, skipped)
 
 
 def _decode_json(data: bytes) -> Any:
-    """The content of a message in JSON; None where it is none."""
-    with suppress(ValueError):
-        return json.loads(data)
+    """The content of a message in JSON, its numbers as floats; None where it is none."""
+    with suppress(ValueError, RecursionError):
+        return json.loads(data, parse_int=float)
     return None
 
 
@@ -171,7 +172,7 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
         return
     elif len(value) <= MAX_MATRIX_COLUMNS:
         for k, inner in enumerate(value):
-            yield from _numbers(f"{name}.{k}", inner)
+            yield from _numbers(f"{name}.{k}" if name else str(k), inner)
 
 
 def _table(
@@ -209,7 +210,7 @@ def _table(
         else:  # logged as long after it was sent as usual
             at = clock[:, 0] - np.median(known)
         for field, values in fields[topic].items():
-            name = f"{topic}/{field}"
+            name = f"{topic}/{field}" if field else topic  # a message may be a number alone
             column = np.full(len(at), np.nan)
             column[list(values)] = list(values.values())
             columns[name], own[name] = column, at

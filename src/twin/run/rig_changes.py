@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from twin.base.errors import ScenarioError
 from twin.base.settings import from_scenarios, settings_of
@@ -18,10 +18,6 @@ from twin.sim.plant.interface import Parts
 from twin.sim.rig import SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 from twin.sim.transmission import TransmissionError, WrongTransmission
-
-if TYPE_CHECKING:
-    pass
-
 
 OF_PLANTS = (Friction, SurfaceModel, Parts)
 """Dataclasses of what plants are made of."""

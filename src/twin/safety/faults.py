@@ -88,8 +88,8 @@ CASES = tuple(chain(*CASE_GROUPS.values()))
 def choose_cases(words: Sequence[str]) -> list[int]:
     """Indices of the cases with all of the words in name or condition; all if there are none.
 
-    The beginning of a word is enough, in capital or small letters. The name of a fault of a run is
-    the one of its row.
+    The beginning of a word is enough, in capital or small letters. A row is also found by the name
+    of the fault that it gives a run.
 
     Raises:
         ScenarioError: If no case has the words of a text.

@@ -94,7 +94,7 @@ def _hint(about: Setting) -> Any:
 PLANT_CLASSES = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart, Rim)
 """Dataclasses with settings that are keys of ``plant``."""
 PLANT_KINDS = ["mujoco", "lagrange"]
-"""What ``kind`` may name; ``twin.run.assemble.register`` adds to it."""
+"""What ``kind`` may name; ``twin.run.plants.register`` adds to it."""
 
 
 def _check_plant_kind(kind: str) -> str:

@@ -59,7 +59,7 @@ REFERENCE_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 HEALTHY_CHANGE_STDS: dict[str, dict[str, float]] = REFERENCE_TABLES["parameters"]
 """Scale on the errors of the fits, and standard deviation by which fits to healthy logs of one rig
 differ beyond these (rolling relative, the noise as a logarithm, else SI), of each parameter;
-``same_motion_scale`` is the scale where the motion is that of the reference, if it is another."""
+``same_motion_scale``, where given, is the scale of logs with the motion of the reference."""
 TRACK_STEP_S = 0.04
 """Seconds between two places of a ball's track, by which motions are compared."""
 SAME_MOTION_SHARE = 0.3
@@ -325,12 +325,12 @@ def compare_with_reference(
     """Compare the beginning of a log with the twin that was learned from the reference log.
 
     That twin is fitted to the beginning, on the screen of the reference, so that an error of the
-    model is the same in both. The standard deviation of a difference is that of both fits and of
-    what healthy logs of a rig differ by beyond it.
+    model is the same in both where their motion is. The standard deviation of a difference is that
+    of both fits and of what healthy logs of a rig differ by beyond it.
 
     Args:
         log: The beginning.
-        reference: The twin learned from the reference log.
+        reference: The twin learned from the reference log, and the motion in that log.
         gaps: Of the log.
 
     Returns:

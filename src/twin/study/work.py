@@ -499,7 +499,10 @@ def sources() -> list[Path]:
     return sorted({*found, *left_alone()})  # what would be run where a command does not only read
 
 
-RUN_MODULES = ("assemble", "loop", "metrics", "record")
+RUN_MODULES = (
+    *("assemble", "controller_building", "loop", "metrics"),
+    *("plants", "record", "rig_changes"),
+)
 """Modules of the room ``run`` that a run of a study executes."""
 SCENARIO_MODULES = ("changing", "load", "rig_tables", "schema")
 """The same of the room ``scenario``."""

@@ -98,7 +98,7 @@ class PdoTable:
         return self.by_identifier.get(identifier) or self._usual(identifier)
 
     def receivers(self, identifier: int) -> Iterable[Pdo]:
-        """Further PDOs with an identifier: of nodes that receive what a second node sends."""
+        """Further PDOs with an identifier: of nodes that receive what another node sends."""
         return self._receivers.get(identifier, {}).values()
 
     def take(self, number: int, key: Key) -> None:
