@@ -965,6 +965,17 @@ def test_a_log_that_is_not_of_the_scenarios_rig_is_refused(about, settings, says
         frames(np.sin, **about).on(load("hold", (*ON_TWIN, *settings)))
 
 
+@pytest.mark.parametrize(("middle", "said"), [(0.06, True), (-0.06, True), (0.0, False)])
+def test_a_ball_beyond_the_plate_on_one_side_of_zero_is_told_of_the_zero(middle, said):
+    time = np.arange(0.0, 3.0, 1 / 30)
+    swing = 0.03 if middle else 0.3
+    own = AxisLog(time, 0 * time, True, time, middle + swing * np.sin(4 * time))
+    with pytest.raises(LogError, match="the plate ends at") as refused:
+        AnyLog("tube.csv", {"x": own}, {"x": "rad"}, ()).on(load("line", ("parameters=tube",)))
+    asked = f"its zero is not the plate's middle: it moves about {middle:.2g} m"
+    assert (asked in str(refused.value)) is said
+
+
 def test_a_coverage_counts_what_lies_within_and_leaves_out_what_has_no_interval(coverage):
     rig = {"gain": 6.0, "dead_time": 0.1, "lag": 0.05}
     inside, above = (6.1, 5.9, 6.3, "identified"), (6.5, 6.4, 6.6, "bounded")

@@ -27,6 +27,8 @@ def write(path, header, *columns):
 FORMS = {
     "millis,X,servo": (1e3 * T, 1e3 * X, np.degrees(U)),
     "t [s],ball_x [mm],u [rad]": (T, 1e3 * X, U),
+    "ms,X,servo_deg": (1e3 * T, 1e3 * X, np.degrees(U)),
+    "ts,X,servo_deg": (T, 1e3 * X, np.degrees(U)),
     "time_us,px,roll": (1e6 * T, X, U),
     "t,cam_x_cm,cmd_x_deg": (T, 1e2 * X, np.degrees(U)),
 }
@@ -70,6 +72,12 @@ def test_a_column_whose_time_falls_is_no_time_and_a_lacking_role_is_a_blank(tmp_
     assert [guess.role for guess in found.guesses] == ["measured_x"]
     assert "time=NAME:s," in found.command
     assert "command_phi=NAME:deg" in found.command
+
+
+def test_a_sample_time_that_stays_and_pulses_in_us_are_no_time(tmp_path):
+    header = "Ts,us,ball_x"
+    found = survey(write(tmp_path / "a.csv", header, 0.02 + 0 * T, 1500 + 400 * np.sin(T), X))
+    assert [guess.role for guess in found.guesses] == ["measured_x"]
 
 
 def test_identify_without_columns_shows_the_log_and_exits_with_1(tmp_path):

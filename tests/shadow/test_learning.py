@@ -84,6 +84,12 @@ def test_a_parameter_that_has_moved_is_said_first(monkeypatch, name, by, said):
     assert found[0].change == pytest.approx(by, rel=1e-6)
 
 
+def test_a_friction_that_was_none_has_no_share(monkeypatch):
+    belief = believed("plant.kind=lagrange", "plant.friction.rolling_mm=0.0002")
+    found = compared(monkeypatch, belief, rolling=5e-5)
+    assert found[0].words == "rolling friction 0.000 -> 0.050 mm"
+
+
 def test_a_rig_of_one_axis_has_one_level(monkeypatch):
     found = compared(monkeypatch, believed("parameters=tube"), delay=0.03)
     assert "level_theta" not in {each.name for each in found}

@@ -19,7 +19,7 @@ from twin.identify.log_tables import open_content, parse_numbers, split_content
 from twin.run.logs import UNIT_SCALES, split_unit
 from twin.run.readers import ForeignTable
 
-NAME_UNITS = {"millis": "ms", "micros": "us"}
+NAME_UNITS = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us"}
 """Names that state the unit of their numbers."""
 UNIT_ENDING = re.compile(r"(?i)(.+)[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg)")
 """A name that ends in its unit, as ``x_mm``."""
@@ -299,7 +299,7 @@ def _guess(role: str, column: SurveyedColumn, each: Suggestion, alike: Array) ->
 def _rises(time: Array, *, strictly: bool = False) -> bool:
     steps = np.diff(time[np.isfinite(time)])
     rising = steps > 0 if strictly else steps >= 0
-    return len(steps) > 0 and float(np.mean(rising)) >= MIN_RISING_SHARE
+    return bool((steps > 0).any()) and float(np.mean(rising)) >= MIN_RISING_SHARE
 
 
 def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple[str, str]:

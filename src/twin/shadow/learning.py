@@ -296,7 +296,10 @@ class Difference:
 
     @property
     def words(self) -> str:
-        """The change in words, as ``rolling friction 0.180 -> 0.360 mm (+100 %)``."""
+        """The change in words, as ``rolling friction 0.180 -> 0.360 mm (+100 %)``.
+
+        A value that is shown as zero has no share.
+        """
         change = self._describe(self.change, "words")
         label = PARAMETER_LABELS[self.name]
         if self.name not in SHOWN_VALUES:
@@ -305,7 +308,7 @@ class Difference:
         values = [factor * each for each in (self.reference, self.reference + self.change)]
         axis = self.name.partition("_")[2]
         shown = f"{label} {axis + ' ' if axis else ''}{values[0]:.3f} -> {values[1]:.3f} {unit}"
-        return shown if axis else f"{shown} ({change})"
+        return shown if axis or not round(values[0], 3) else f"{shown} ({change})"
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``: SI units, the noise as a logarithm of its standard deviation."""
