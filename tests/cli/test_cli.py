@@ -124,6 +124,7 @@ def test_every_command_that_a_page_shows_can_be_typed(ballplate, own_laws, tmp_p
     assert ballplate("new", "law", "mine")[0] == 0
     assert ballplate("lab", "new", "hold_it")[0] == 0
     shutil.copytree(ROOT / "examples" / "board", tmp_path / "examples" / "board")
+    (tmp_path / "controller.elf").touch()
     for page in PAGES:
         for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
             try:

@@ -87,7 +87,7 @@ def test_every_language_has_every_sentence_with_the_same_parts() -> None:
     for language, table_ in WORD_TABLES.items():
         assert set(table_) == set(english), language
         for name in set(english) - {"metrics"}:
-            parts = [set(re.findall(r"{(\w+)}", each[name])) for each in (table_, english)]
+            parts = [set(re.findall(r"{(\w+)}", str(each[name]))) for each in (table_, english)]
             assert parts[0] == parts[1], (language, name)
 
 

@@ -307,10 +307,10 @@ def test_without_opengl_a_picture_in_3d_is_one_line(circle, monkeypatch):
         ({"fps": 0}, "fps 0: must be from 1 to 50"),
         ({"size": 10}, "size 10: must be from 300 to 1200"),
         ({"seconds": float("nan")}, "seconds nan: must be from"),
-        ({"since": 9.0}, "from 9 to 0.598 s: must be within 0 to 0.598 s"),
+        ({"since": 9.0}, "since 9, until 0.598 s: must be within 0 to 0.598 s"),
         ({"since": float("nan")}, "must be within"),
-        ({"since": 0.4, "until": 0.2}, "from 0.4 to 0.2 s"),
-        ({"until": 2.0}, "from 0 to 2 s"),
+        ({"since": 0.4, "until": 0.2}, "since 0.4, until 0.2 s"),
+        ({"until": 2.0}, "since 0, until 2 s"),
         ({"seconds": 1000.0}, "20000 frames: at most 2000"),
     ],
 )
