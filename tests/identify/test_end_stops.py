@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from docs.identify_errors import STEP_S, TUBE, Rig, simulate_log
+from twin.identify import end_stops
 from twin.identify.any_rig import identify_axes
 from twin.identify.axis_logs import AnyLog, AxisLog, EndStops
 from twin.identify.axis_problem import AxisProblem
@@ -61,6 +62,23 @@ def test_a_log_of_known_columns_shows_the_walls_of_each_axis():
     assert low == pytest.approx(-0.05, abs=2e-3)
     assert high == pytest.approx(0.05, abs=2e-3)
     assert across == NO_ENDS
+
+
+@pytest.mark.parametrize(
+    ("touched", "ends"),
+    [((4, 4), (-0.08, 0.08)), ((1, 4), (-0.08, 0.08)), ((0, 4), (-np.inf, 0.08)), ((1, 3), None)],
+)
+def test_one_touch_shows_a_wall_where_the_other_end_has_one(monkeypatch, tube, touched, ends):
+    visit = end_stops._Visit(
+        begin=1.0, end=1.1, towards=0.2, away=0.1, impulse=0.3, explained=0.1, place=0.08
+    )
+    turned = replace(visit, impulse=0.05)
+    visits = dict(zip((-1.0, 1.0), touched, strict=True))
+    monkeypatch.setattr(
+        end_stops, "_find_visits", lambda _, __, side, ___: [visit] * visits[side] or [turned]
+    )
+    found = find_end_stops(tube, look_first(tube))
+    assert (found and (found.low, found.high)) == ends
 
 
 @pytest.mark.parametrize("rate", [30.0, 60.0])

@@ -24,7 +24,7 @@ from twin.identify.drive_effects import add_drive_effects, profile_drives
 from twin.identify.end_stops import describe_stops, find_end_stops
 from twin.identify.fallback import assess_plainly
 from twin.identify.first_look import FirstLook, look_first
-from twin.identify.further_terms import find_significance, find_term
+from twin.identify.further_terms import find_hidden_changes, find_significance, find_term
 from twin.identify.least_squares import Estimate
 from twin.identify.offsets import take_out_offsets, tell_level_at_zero
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter, plain_parameter
@@ -105,6 +105,8 @@ DOUBTED_WHERE_NOT_WHITE = {
     "friction": "a friction that builds up over a way, or sticks, is another",
 }
 """Parameters that an error of the model moves in all windows alike, and what may do so."""
+RESEMBLED = ("gain", "friction", "viscous")
+"""Parameters that a filter of the positions, or a friction that sticks, changes most."""
 AKAIKE_PENALTY = 2.0
 """What a term has to reduce twice the negative log-likelihood by, in Akaike's criterion."""
 DELAYS_S = {True: (0.0, 0.5), False: (-0.1, 0.5)}
@@ -770,14 +772,12 @@ def _assess_axis(
         word = f"{label} give a different value, which the interval includes: a model error"
         for k in np.flatnonzero(unlike).tolist():
             reasons[k].append(word)
-    for term, changes in _find_left_out_terms(fit, selection):
-        key = PLAIN_PARAMETERS[term].key
-        moved = np.append(changes, changes[pair].sum()) if len(rows) > len(names) else changes
-        low, high = low + np.minimum(moved, 0.0), high + np.maximum(moved, 0.0)
-        for k in np.flatnonzero(np.abs(moved) > own.half_width).tolist():
-            reasons[k].append(
-                f"the interval includes what a {key} term too small to be fitted would change"
-            )
+    for what, changes in _find_left_out_terms(fit, selection):
+        total = changes[:, pair].sum(axis=1)
+        moved = np.column_stack((changes, total)) if len(rows) > len(names) else changes
+        low, high = low + moved.min(axis=0, initial=0.0), high + moved.max(axis=0, initial=0.0)
+        for k in np.flatnonzero(np.abs(moved).max(axis=0) > own.half_width).tolist():
+            reasons[k].append(f"the interval includes what {what} would change")
     for k, name in enumerate(names):
         if name in DOUBTED_WHERE_NOT_WHITE and not (fit.windowed or fit).explained:
             low[k], high[k] = low[k] - own.half_width[k], high[k] + own.half_width[k]
@@ -835,26 +835,33 @@ def _assess_axis(
 
 
 def _find_left_out_terms(fit: AxisFit, selection: AxisSelection) -> list[tuple[str, Array]]:
-    """Optional terms that a fit has not, and by how much each would change its parameters.
+    """What a fit has not, and by how much it may change the parameters.
 
-    A term too small to be significant still moves the others: a damping, the delay. Windows with a
-    level of their own show no term.
+    A term too small to be significant still moves the others: a damping, the delay. What resembles
+    friction moves friction, damping and gain. Windows with a level of their own show neither.
 
     Args:
         fit: Of an axis, P parameters.
         selection: Constants.
 
     Returns:
-        Names of the terms, and changes of shape (P,); none for a term of an impossible sign, or one
-        that the log does not show: Akaike's criterion is no better with it.
+        Each in words, and N changes that it may make, shape (N, P); none for a term of an
+        impossible sign, or one that the log does not show: Akaike's criterion is no better with it.
     """
-    found = []
+    names, found = fit.problem.names, list[tuple[str, Array]]()
+    if fit.problem.drift:
+        return found
     for name in selection.optional_parameters:
-        if name not in fit.problem.names and not fit.problem.drift:
+        if name not in names:
             changes, std = find_term(fit, name)
             better = (changes[-1] / std) ** 2 > AKAIKE_PENALTY
             if better and changes[-1] > PLAIN_PARAMETERS[name].least:
-                found.append((name, changes[:-1]))
+                key = PLAIN_PARAMETERS[name].key
+                found.append((f"a {key} term too small to be fitted", changes[None, :-1]))
+    by_windows = fit.windowed or fit
+    if "friction" in names and by_windows.problem.names == names:
+        resembled = np.isin(names, RESEMBLED)
+        found += [(what, each * resembled) for what, each in find_hidden_changes(by_windows)]
     return found
 
 

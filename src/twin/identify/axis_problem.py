@@ -47,6 +47,9 @@ class AxisProblem(FitProblem[SampleWindows]):
         drift: Standard deviation in m/s^2 of a level of each window's own, which is then the
             third number of its start; 0 for none.
         stops: The end stops at which a ball bounces; None where no window touches one.
+        sticking: Additional friction at rest, m/s^2, and the speed in m/s at which half of it
+            remains, by the Stribeck curve of Hess and Soom (1990).
+        filter_s: Time constant of a filter of the positions, s; its start is that of the samples.
         known_tilts: Integrals of tilts in the windows that were needed so far, by their drives.
     """
 
@@ -55,6 +58,8 @@ class AxisProblem(FitProblem[SampleWindows]):
     delays: tuple[float, float]
     drift: float = 0.0
     stops: EndStops | None = None
+    sticking: tuple[float, float] = (0.0, 1.0)
+    filter_s: float = 0.0
     known_tilts: dict[tuple[float, ...], Array] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -141,6 +146,9 @@ class AxisProblem(FitProblem[SampleWindows]):
         if self.tilt.log.across[1].any():
             across = np.interp(grid, *self.tilt.log.across)
         off_level = starts[2] if len(starts) > 2 else np.zeros_like(starts[0])
+        if self.filter_s:  # the start of the ball, not that of its filtered positions
+            places, speeds = starts[:2]
+            starts = np.concatenate(([places + self.filter_s * speeds], starts[1:]))
         out = np.empty((steps, *starts.shape[1:]))
         # blocks of candidates so small that their arrays stay in the processor's cache
         size = max(1, BLOCK_LANES // len(self.windows))
@@ -158,7 +166,10 @@ class AxisProblem(FitProblem[SampleWindows]):
                 friction[rows],
                 across,
                 self.stops,
+                self.sticking,
             )
+        if self.filter_s:
+            _filter(out, places, h / self.filter_s)
         return out
 
     def _tilted(self, grid: Array, delay: float, *drive: float) -> Array:
@@ -209,6 +220,7 @@ def _integrate(
     friction: Array,
     across: Array | None,
     stops: EndStops | None = None,
+    sticking: tuple[float, float] = (0.0, 1.0),
 ) -> Array:
     """Positions in m at every step by Heun's method, friction apart, shape (N, C, W).
 
@@ -223,6 +235,8 @@ def _integrate(
         across: Speed along the other axis in m/s, shape (N, W); None if friction acts on this axis
             alone.
         stops: End stops at which the ball bounces; None without any.
+        sticking: Additional friction at rest, m/s^2, and the speed in m/s at which half of it is
+            left.
     """
     shape, count = starts.shape[1:], len(push)
     # velocities by half a step, so that a step moves a ball by the sum of both; it is linear in
@@ -234,7 +248,9 @@ def _integrate(
         np.broadcast_to(each, shape).ravel()
         for each in (half * h * camber * (1 - half * viscous), half * h * friction, kept)
     )
-    bends, damps, rubs = by_place.any(), (kept != 1).any(), most.any()
+    surplus, slow = half * h * sticking[0], half * sticking[1]
+    rolling = most
+    bends, damps, rubs = by_place.any(), (kept != 1).any(), bool(most.any() or surplus)
     places = np.empty((count + 1, *shape))
     places[0] = starts[0]
     p, v = places[0].ravel(), half * starts[1].ravel()
@@ -247,6 +263,8 @@ def _integrate(
         if bends:
             free += np.multiply(by_place, p, out=spare)
         after = free
+        if surplus:
+            most = rolling + surplus / (1 + np.square(v / slow))
         if rubs:
             np.copysign(most, v, out=against)
             after = np.subtract(free, against, out=spare)
@@ -263,6 +281,26 @@ def _integrate(
         if stops is not None:
             _bounce(p, v, stops)
     return places
+
+
+def _filter(out: Array, first: Array, step: float) -> None:
+    """Positions at every step, shape (N, C, W), behind a filter of first order, in place.
+
+    Exact for positions on straight lines between the steps.
+
+    Args:
+        out: Before the filter.
+        first: Behind it at the first step, shape (C, W).
+        step: Length of a step over the time constant.
+    """
+    keep = np.exp(-step)
+    mean = (1 - keep) / step
+    before = out[0].copy()
+    out[0] = first
+    for n in range(1, len(out)):
+        now = out[n].copy()
+        out[n] = keep * out[n - 1] + (mean - keep) * before + (1 - mean) * now
+        before = now
 
 
 def _bounce(p: Array, v: Array, stops: EndStops) -> None:

@@ -45,7 +45,8 @@ class WallSearch:
         push_share: Impulse, as a share of what the tilt does in the visit, that an error of the
             gain or the delay explains.
         speed_stds: Impulse, in standard deviations of the measured speeds, that noise explains.
-        min_touches: Smallest number of visits with an impulse for a wall.
+        min_touches: Smallest number of visits with an impulse for a wall; one is enough where the
+            other end has a wall.
         min_touch_share: Smallest share of such visits.
         placing_visits: Number of the longest such visits whose median place is the wall's.
         guard_s: Time before and after a visit that is left out as well.
@@ -109,11 +110,17 @@ def find_end_stops(log: AxisLog, look: FirstLook, how: WallSearch = WALL_SEARCH)
         how: Constants.
     """
     ends, touches, bounces = [], list[_Visit](), list[_Visit]()
-    for side in (-1.0, 1.0):
-        visits = list(_find_visits(log, look, side, how))
-        measured = [each for each in visits if not math.isnan(each.impulse)]
-        held = [each for each in measured if each.impulse > each.explained]
-        if len(held) < max(how.min_touches, how.min_touch_share * len(measured)):
+    every = {side: list(_find_visits(log, look, side, how)) for side in (-1.0, 1.0)}
+    touched = {
+        side: [each for each in visits if each.impulse > each.explained]
+        for side, visits in every.items()
+    }
+    # whoever puts a wall at one end puts one at the other: a single touch shows where
+    enough = 1 if max(map(len, touched.values())) >= how.min_touches else how.min_touches
+    for side, visits in every.items():
+        held = touched[side]
+        measured = sum(not math.isnan(each.impulse) for each in visits)
+        if len(held) < max(enough, how.min_touch_share * measured):
             ends.append(side * np.inf)
             continue
         longest = sorted(held, key=lambda each: each.begin - each.end)[: how.placing_visits]

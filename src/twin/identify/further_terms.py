@@ -7,8 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from controllers.arrays import Array
-from twin.identify.least_squares import estimate
+from twin.identify.axis_problem import AxisProblem
+from twin.identify.least_squares import estimate, fit_starts, minimise
+from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.plain_model import AxisFit
+
+FILTER_SHARES = (1 / 3, 2 / 3, 1.0)
+"""Shares of a lag that are tried as those of a filter of the positions."""
+FILTER_SETTLES = 3.0
+"""Time for which a filter still has its start, over the lag."""
+MAX_COST_RISE = 4.0
+"""By how much more than the best fit one with another filter may leave: two standard deviations."""
+STICKING_SPEEDS_M_S = (0.005, 0.015, 0.05)
+"""Speeds at which half of an additional friction at rest is left, from the twin's own upwards."""
 
 
 def find_term(fit: AxisFit, name: str) -> tuple[Array, float]:
@@ -50,6 +61,84 @@ def find_significance(fit: AxisFit, name: str) -> float:
     return float(abs(changes[-1]) / std)
 
 
+def find_hidden_changes(fit: AxisFit) -> list[tuple[str, Array]]:
+    """What a fit may take for another gain, friction or damping, and by how much that changes them.
+
+    A damping that is not fitted resembles friction. A friction that is larger at rest resembles
+    more friction and less damping. Each is a step of the fit with its term, within the interval of
+    that. A lag may be that of a filter of the positions, behind which a friction that turns looks
+    smoother: fits with such filters change the parameters as well, if they explain the log.
+
+    Args:
+        fit: Of an axis, P parameters.
+
+    Returns:
+        What there may be, and changes that it may make, shape (N, P).
+    """
+    names, theta, starts = fit.problem.names, fit.found.theta, fit.found.starts
+    own = fit.problem.simulate_samples(theta, starts)[0][0, ..., 0]
+    weight = fit.problem.windows.weight[..., 0]
+
+    def change(other: AxisProblem, values: Array, by: float) -> Array:
+        places = other.simulate_samples(values, starts)[0][0, ..., 0]
+        return _change_by(fit, weight * (places - own) / by)
+
+    found = []
+    if "viscous" not in names:
+        by = PLAIN_PARAMETERS["viscous"].difference
+        damped = replace(fit.problem, names=(*names, "viscous"))
+        changes = change(damped, np.append(theta, [[by]], axis=1), by)
+        changes[:, [name != "friction" for name in names]] = 0.0
+        found.append(("a damping too small to be fitted", changes))
+    by = PLAIN_PARAMETERS["friction"].difference
+    each = [
+        change(replace(fit.problem, sticking=(by, speed)), theta, by)
+        for speed in STICKING_SPEEDS_M_S
+    ]
+    found.append(("a friction that sticks", np.concatenate(each)))
+    if len(filtered := _change_by_filters(fit)):
+        found.append(("a filter of the positions", filtered))
+    return found
+
+
+def _change_by_filters(fit: AxisFit) -> Array:
+    """Changes of the P parameters where some of the lag is that of a filter, shape (N, P).
+
+    Of N filters that explain the log as well as the best one of those tried, or none. The first
+    samples of each window, where a filter still has its start, do not count.
+    """
+    lag = fit.value("lag") if "lag" in fit.problem.names else 0.0
+    if not fit.log.held or lag < fit.problem.step:
+        return np.zeros((0, len(fit.problem.names)))
+    at, windows = fit.problem.names.index("lag"), fit.problem.windows
+    settled = windows.time[..., None] > FILTER_SETTLES * lag
+    problem = replace(fit.problem, windows=replace(windows, weight=windows.weight * settled))
+    fits, costs = list[Array](), list[float]()
+    for share in (0.0, *FILTER_SHARES):
+        behind, theta = replace(problem, filter_s=share * lag), fit.found.theta.copy()
+        theta[0, at] = (1 - share) * lag
+        starts = fit_starts(behind, theta, fit.found.starts, 4)
+        found = minimise(behind, theta, starts, 20, 3, control=fit.how.search.control).best(1)
+        left = behind.linearise(found.theta, found.starts, slopes=False)
+        fits.append(found.theta[0])
+        costs.append(float((left.r[0] ** 2).sum()))
+    good = np.array(costs[1:]) < min(costs) + MAX_COST_RISE
+    return np.array(fits[1:])[good] - fits[0]
+
+
+def _change_by(fit: AxisFit, more: Array) -> Array:
+    """Changes of the P parameters at both ends of the interval of one term more, shape (2, P).
+
+    Args:
+        fit: The fit, in which the term is zero, its least value.
+        more: Slopes of the residuals by it, shape (W, M).
+    """
+    step, half, information = _step_by(fit, more[..., None])
+    ends = np.maximum((step[-1] - half[-1], step[-1] + half[-1]), 0.0)
+    taken = np.linalg.pinv(information[:-1, :-1], hermitian=True) @ information[:-1, -1]
+    return np.asarray(-ends[:, None] * taken)
+
+
 def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
     """By how much the clock of the positions is faster than that of the commands, and its error.
 
@@ -59,8 +148,8 @@ def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
     fit = fit.windowed or fit
     changes = fit.log.clock_columns(fit.problem.windows.begin)
     by_time = fit.found.linearisation.by_parameter[0, ..., fit.problem.names.index("dead_time")]
-    (drift, _), (half, _) = _step_by(fit, by_time[..., None] * changes[:, None])
-    return drift, half
+    step, half, _ = _step_by(fit, by_time[..., None] * changes[:, None])
+    return float(step[-1]), float(half[-1])
 
 
 def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
@@ -77,17 +166,22 @@ def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
         The share, the half-width of its interval, and the gain in m/s^2 by the unit of the tilt.
     """
     fit = fit.windowed or fit
-    (found, gain), (half, _) = _step_by(fit, fit.slope_by_tilt(more)[..., None])
+    step, half, _ = _step_by(fit, fit.slope_by_tilt(more)[..., None])
     fitted = fit.value("gain")
-    return found * fitted / gain, half * abs(fitted / gain), gain / fit.problem.tilt.scale
+    gain = fitted + float(step[fit.problem.names.index("gain")])
+    share = fitted / gain
+    return float(step[-1]) * share, float(half[-1]) * abs(share), gain / fit.problem.tilt.scale
 
 
-def _step_by(fit: AxisFit, more: Array) -> tuple[tuple[float, float], tuple[float, float]]:
-    """One step of a fit with C parameters more: the last one and the gain, and their half-widths.
+def _step_by(fit: AxisFit, more: Array) -> tuple[Array, Array, Array]:
+    """One step of a fit of P parameters with C parameters more.
 
     Args:
         fit: The fit, in which these parameters are zero.
         more: Slopes of the residuals by them, shape (W, M, C).
+
+    Returns:
+        The step and its half-widths, shape (P + C,), and the information, shape (P + C, P + C).
     """
     line = fit.found.linearisation
     slopes = np.concatenate((line.by_parameter, more[None]), axis=-1)
@@ -96,10 +190,7 @@ def _step_by(fit: AxisFit, more: Array) -> tuple[tuple[float, float], tuple[floa
     r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
     information = np.einsum("wmi,wmj,w->wij", J, J, weight)
     score = np.einsum("wmi,wm,w->wi", J, r, weight)
-    step = -np.linalg.pinv(information.sum(axis=0), hermitian=True) @ score.sum(axis=0)
+    every = information.sum(axis=0)
+    step = -np.linalg.pinv(every, hermitian=True) @ score.sum(axis=0)
     half = estimate(step, information, score + information @ step).half_width
-    gain = fit.problem.names.index("gain")
-    return (float(step[-1]), fit.value("gain") + float(step[gain])), (
-        float(half[-1]),
-        float(half[gain]),
-    )
+    return step, half, every
