@@ -17,6 +17,7 @@ from twin.shadow.learning import (
     COMPARED_PARAMETERS,
     HEALTHY_CHANGE_STDS,
     MAX_CHANCE_STDS,
+    MAX_REFERENCE_SCORE,
     SAME_MOTION_SHARE,
     TRACK_STEP_S,
     Difference,
@@ -178,3 +179,15 @@ def test_a_log_that_agrees_states_what_would_not_be_seen():
     assert "agree with the reference" in said
     assert f"rolling friction below {100 * limit:.0f} %" in said
     assert "reference" not in " ".join(sentences(report()))
+
+
+@pytest.mark.parametrize("alarms", [[], [SimpleNamespace(words="9 s")]])
+def test_a_twin_that_does_not_follow_its_reference_says_nothing_of_other_logs(alarms):
+    found = replace(report(), alarms=alarms, reference_score=MAX_REFERENCE_SCORE + 0.1)
+    assert found.verdict == "cannot tell"
+    words = " ".join(sentences(found))
+    assert words.startswith("Cannot tell: the twin does not follow the reference log itself")
+    assert "2.6 times as far" in words
+    assert "Alarm" not in words
+    near = replace(found, reference_score=MAX_REFERENCE_SCORE - 0.1)
+    assert near.verdict == ("alarm" if alarms else "healthy")

@@ -16,10 +16,14 @@ from docs.identify_errors import STEP_S, Rig, simulate_log
 from tests.plugins.axis_identified import axis_identification
 from twin.cli import main
 from twin.identify.any_logs import read_any
+from twin.identify.logs import read
 from twin.identify.parameters import plain_parameter
 from twin.identify.report import parameters
 from twin.identify.verdicts import ParameterVerdict
 from twin.scenario.load import load
+from twin.shadow.evidence import gaps
+from twin.shadow.follow import median_score
+from twin.shadow.learning import MAX_REFERENCE_SCORE, prepare_for
 from twin.shadow.reference import (
     Reference,
     _with_doubted_ball,
@@ -27,6 +31,7 @@ from twin.shadow.reference import (
     _with_shown_lever,
     examine_by_reference,
 )
+from twin.shadow.report import watched_twin
 
 RIG = ("plant.friction.rolling_mm=0.23", "plant.level_deg=[0.2, -0.1]", "plant.step=0.002")
 """A rig that differs from the usual one."""
@@ -127,6 +132,16 @@ def test_end_stops_that_nobody_stated_raise_no_alarm(tmp_path, monkeypatch, caps
     first = found["tilted"]["alarms"][0]
     assert 32 < first["time"] < 45
     assert first["causes"][0]["name"] == "level"
+
+
+@pytest.mark.parametrize(("level", "follows"), [("0.0", True), ("1.0", False)])
+def test_a_twin_of_another_rig_does_not_follow_the_reference(level, follows, tmp_path):
+    log = tmp_path / "log.csv"
+    bp.run("excite", ["seed=4"], duration=12).to_pandas().reset_index().to_csv(log, index=False)
+    recorded, belief = watched_twin(read(log), (f"plant.level_deg=[{level}, 0.0]",))
+    usable = prepare_for(recorded, belief)
+    score = median_score(usable, belief, gaps(recorded, usable.period))
+    assert (score < MAX_REFERENCE_SCORE) == follows
 
 
 ALONE = 0.02 * 5 / 3

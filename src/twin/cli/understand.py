@@ -344,7 +344,7 @@ def shadow(
     for (name, each), folder in zip(found.items(), folders, strict=True):
         shown += [bold(name), *sentences(each), f"written to {folder}/: {WRITTEN_FILES}"]
     show(numbers, shown)
-    return int(any(each.alarms or each.differs for each in found.values()))
+    return int(any(each.verdict in {"alarm", "differs"} for each in found.values()))
 
 
 def _check_columns(files: Sequence[Path], how: dict[str, Any]) -> None:

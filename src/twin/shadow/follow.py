@@ -37,6 +37,7 @@ from twin.shadow.evidence import (
 from twin.shadow.horizon import HORIZON_S, FrictionMap, Replays, replays
 from twin.shadow.learning import (
     LEARNING_S,
+    MAX_REFERENCE_SCORE,
     Difference,
     HealthyTwin,
     beginning,
@@ -81,7 +82,9 @@ class Shadow:
         source: What the log is called.
         length: Usable seconds of what was looked at last.
         taught: What the twin learned before it evaluated the log, in a sentence.
-        differences: Of its beginning from the reference; empty without one.
+        differences: Of its beginning from the reference; empty without one, or with one that its
+            twin does not explain.
+        reference_score: Median score of the twin's replays of the reference log; None without one.
         notes: What had to be left out of it, in words.
         wall_note: The one of them on the time at walls; empty without any.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
@@ -95,6 +98,7 @@ class Shadow:
     length: float = 0.0
     taught: str = ""
     differences: tuple[Difference, ...] = ()
+    reference_score: float | None = None
     notes: tuple[str, ...] = ()
     wall_note: str = ""
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -102,11 +106,18 @@ class Shadow:
     @property
     def verdict(self) -> str:
         """``alarm``, ``differs`` (from the reference), ``healthy`` or ``cannot tell``."""
+        if self.foreign:
+            return "cannot tell"
         if self.alarms:
             return "alarm"
         if self.differs:
             return "differs"
         return "healthy" if self.moved_s >= LEAST_TOLD else "cannot tell"
+
+    @property
+    def foreign(self) -> bool:
+        """Whether the twin does not even follow the reference log: it is that of another rig."""
+        return self.reference_score is not None and self.reference_score > MAX_REFERENCE_SCORE
 
     @property
     def differs(self) -> bool:
@@ -144,6 +155,7 @@ class Shadow:
             "told_seconds": self.moved_s,
             "gaps": self.gaps.tolist(),
             "taught": self.taught,
+            "reference_score_median": self.reference_score,
             "differences": [each.as_dict() for each in self.differences],
             "notes": list(self.notes),
         }
@@ -177,6 +189,20 @@ def shadow(
     if not len(result.tests.soft) and not len(result.gaps):
         raise LogError(f"{log.source}: too short: {result.length:.1f} s; 3 s in a row are needed")
     return result
+
+
+def median_score(log: PreparedLog, belief: Belief, missing: Array) -> float:
+    """Median score of a twin's replays of a log; 1, as predicted, where the ball never moves.
+
+    Args:
+        log: The usable part of a log.
+        belief: The twin.
+        missing: Begin and end in s of what is missing in it, shape (G, 2).
+    """
+    screen = FrictionMap(belief)
+    found = replays(log, belief, missing, HORIZON_S, -np.inf, np.inf, screen)
+    score = _median(found, lambda each: each.score)
+    return 1.0 if score is None else score
 
 
 class Follower:
@@ -244,8 +270,10 @@ class Follower:
             )
         first = beginning(log)
         if self._reference is not None:
-            found = compare_with_reference(first, self._reference, self.result.gaps)
-            self.result.differences = found
+            self.result.reference_score = self._reference.score
+            if not self.result.foreign:
+                found = compare_with_reference(first, self._reference, self.result.gaps)
+                self.result.differences = found
         before, self._belief = self._belief, learn(first, self._belief, self.result.gaps)
         self.result.taught = taught(before, self._belief)
         self.result.tests = SequentialTests(self._belief)

@@ -62,6 +62,9 @@ differ beyond these (rolling relative, the noise as a logarithm, else SI), of ea
 ``same_motion_scale``, where given, is the scale of logs with the motion of the reference."""
 TRACK_STEP_S = 0.04
 """Seconds between two places of a ball's track, by which motions are compared."""
+MAX_REFERENCE_SCORE = 2.5
+"""Median score of replays of a reference log above which its twin is not that of the rig: six rigs
+of the family ``uncertain`` have 1.2 to 1.7, three other rigs under the thesis's twin 3.5 to 29."""
 SAME_MOTION_SHARE = 0.3
 """Distance of two tracks, in sizes of the motion, below which the motion is the same."""
 MAX_CHANCE_STDS = float(REFERENCE_TABLES["max_chance_stds"])
@@ -197,10 +200,12 @@ class HealthyTwin:
     Attributes:
         belief: The twin.
         track: As ``ball_track`` gives it.
+        score: Median score of its replays of the reference log itself: 1 is as good as predicted.
     """
 
     belief: Belief
     track: Array
+    score: float = 1.0
 
 
 def ball_track(log: PreparedLog) -> Array:

@@ -29,7 +29,7 @@ from twin.identify.verdicts import IDENTIFIED_VERDICT, Identification
 from twin.run.files import run_name
 from twin.scenario.load import load
 from twin.shadow.evidence import gaps
-from twin.shadow.follow import Shadow
+from twin.shadow.follow import Shadow, median_score
 from twin.shadow.learning import HealthyTwin, ball_track, learn, prepare_for
 from twin.shadow.report import examine_log, make_twin, read_watched, watched_twin
 from twin.sim.plant.interface import Parts
@@ -271,9 +271,11 @@ def learn_twin(
     It is what the beginnings of other logs are compared with. An identification leaves some
     parameters open, and its model has other errors than the twin.
     """
-    log, belief = watched_twin(recorded, overrides, ball, ends)
-    usable = prepare_for(log, belief)
-    return HealthyTwin(learn(usable, belief, gaps(log, usable.period)), ball_track(usable))
+    log, before = watched_twin(recorded, overrides, ball, ends)
+    usable = prepare_for(log, before)
+    missing = gaps(log, usable.period)
+    belief = learn(usable, before, missing)
+    return HealthyTwin(belief, ball_track(usable), median_score(usable, belief, missing))
 
 
 def _ball_of(on: str) -> BallPlate | None:

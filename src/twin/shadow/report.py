@@ -203,7 +203,13 @@ def sentences(found: Shadow) -> list[str]:
     """The verdict in words."""
     moved_s, length = found.moved_s, found.length
     words = []
-    if found.verdict == "healthy":
+    if found.foreign:
+        words.append(
+            f"Cannot tell: the twin does not follow the reference log itself: a replay strays "
+            f"{found.reference_score:.1f} times as far as it predicts (median). It is not that of "
+            "this rig: state rig and ball (--on, --ball), or what identify says of the reference."
+        )
+    elif found.verdict == "healthy":
         since = f" after its first {LEARNING_S:g} s" if found.taught else ""
         words.append(
             f"Healthy as far as the log shows{since}: in {moved_s:.0f} of its {length:.0f} usable "
@@ -231,7 +237,8 @@ def sentences(found: Shadow) -> list[str]:
         words += indistinguishable(found)
     words += _compared(found)
     words += [found.taught] if found.taught and found.verdict != "cannot tell" else []
-    words += [f"Reality has left the model. Alarm at {alarm.words}." for alarm in found.alarms]
+    if not found.foreign:
+        words += [f"Reality has left the model. Alarm at {each.words}." for each in found.alarms]
     score, inside, error = found.score_median, found.inside_band, found.error_1s
     if found.replays is not None and score is not None:
         words.append(
