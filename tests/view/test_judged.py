@@ -145,7 +145,7 @@ def test_a_run_whose_commands_were_all_cut_to_nothing_says_so(whole):
 def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():
     seen = {"verdict": "cannot tell", "moved_s": 0.0, "length": 25.0, "taught": "", "alarms": []}
     seen |= {"score_median": None, "inside_band": None, "error_1s": None, "replays": None}
-    seen |= {"wall_note": "", "differences": ()}
+    seen |= {"wall_note": "", "foreign": False, "differences": ()}
     (still,) = sentences(SimpleNamespace(**seen, gaps=np.zeros((0, 2))))
     cut, gaps = sentences(SimpleNamespace(**seen, gaps=np.tile([1.0, 1.1], (263, 1))))
     assert "moved for 0 of the log's 25 usable seconds" in still
@@ -164,7 +164,7 @@ def test_a_twin_that_learned_calls_healthy_only_what_came_later(monkeypatch):
     monkeypatch.setattr("twin.shadow.report.indistinguishable", lambda _: [])
     seen = {"verdict": "healthy", "moved_s": 40.0, "length": 60.0, "alarms": [], "wall_note": ""}
     seen |= {"score_median": None, "inside_band": None, "error_1s": None, "replays": None}
-    seen |= {"differences": ()}
+    seen |= {"foreign": False, "differences": ()}
     gaps, moved = np.zeros((0, 2)), "The first 20 s moved the twin to this log."
     (known,) = sentences(SimpleNamespace(**seen, taught="", gaps=gaps))
     assert known.startswith("Healthy as far as the log shows: in 40 of its 60")
