@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from controllers.arrays import Array, Mask
 from twin.identify.axis_logs import EndStops
@@ -295,12 +296,9 @@ def _filter(out: Array, first: Array, step: float) -> None:
     """
     keep = np.exp(-step)
     mean = (1 - keep) / step
-    before = out[0].copy()
+    state = (mean - keep) * out[0] + keep * first
+    out[1:] = lfilter([1 - mean, mean - keep], [1.0, -keep], out[1:], axis=0, zi=state[None])[0]
     out[0] = first
-    for n in range(1, len(out)):
-        now = out[n].copy()
-        out[n] = keep * out[n - 1] + (mean - keep) * before + (1 - mean) * now
-        before = now
 
 
 def _bounce(p: Array, v: Array, stops: EndStops) -> None:

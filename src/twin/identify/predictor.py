@@ -12,7 +12,6 @@ alone where it cannot be fitted.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -283,22 +282,38 @@ def _fit(
     fitting: AxisFitting,
     how: PredictorChoice,
 ) -> AxisFit:
-    """The plain model by windows from C guesses, shape (C, P), and then by predictions.
-
-    Where too few windows touch no end stop, the first guess of predictions is that of all windows.
-    """
-    tries = [(each, w) for each in (log, replace(log, stops=None)) for w in how.windows_s]
-    for each, window_s in tries[:-1]:
-        with suppress(LogError):
-            found = fit_from_guesses(each, problem, window_s, guess, sigma, fitting)
-            break
-    else:
-        found = fit_from_guesses(tries[-1][0], problem, tries[-1][1], guess, sigma, fitting)
+    """The plain model by windows from C guesses, shape (C, P), and then by predictions."""
+    found = _fit_first(log, problem, guess, sigma, fitting, how)
     found = replace(found, noise=noise or found.sigma, log=log)
     if len(prediction_times(log, fitting, fitting.hold_out.lead_s)) < 3:
         return found
     theta = fit_to_predictions(_predict_near(found, how), look)
     return replace(found, found=found.found._replace(theta=theta))
+
+
+def _fit_first(
+    log: AxisLog,
+    problem: AxisProblem,
+    guess: Array,
+    sigma: float,
+    fitting: AxisFitting,
+    how: PredictorChoice,
+) -> AxisFit:
+    """The plain model by the first length of windows that is enough; arguments as of ``_fit``.
+
+    Where too few windows of any length touch no end stop, those that touch one count as well.
+
+    Raises:
+        LogError: If there are too few even then.
+    """
+    why = LogError("no windows to fit")
+    for each in (log, replace(log, stops=None)):
+        for window_s in how.windows_s:
+            try:
+                return fit_from_guesses(each, problem, window_s, guess, sigma, fitting)
+            except LogError as error:
+                why = error
+    raise why
 
 
 def _predict_near(fit: AxisFit, how: PredictorChoice) -> AxisFit:

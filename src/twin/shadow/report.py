@@ -206,8 +206,8 @@ def sentences(found: Shadow) -> list[str]:
     if found.foreign:
         words.append(
             f"Cannot tell: the twin does not follow the reference log itself: a replay strays "
-            f"{found.reference_score:.1f} times as far as it predicts (median). It is not that of "
-            "this rig: state rig and ball (--on, --ball), or what identify says of the reference."
+            f"{found.reference_score:.1f} times as far as it predicts (median). It is the twin of "
+            "a different rig: state the rig and its ball (--on, --ball)."
         )
     elif found.verdict == "healthy":
         since = f" after its first {LEARNING_S:g} s" if found.taught else ""
