@@ -18,22 +18,22 @@ from twin.cli.understand import identify as command
 from twin.identify import drive_effects
 from twin.identify.any_logs import read_any
 from twin.identify.any_rig import (
-    AxisIdentification,
-    _assess_axis,
     _describe_gain,
-    _select_model,
     identify_axes,
     join_logs,
 )
 from twin.identify.axis_fitting import AXIS_FITTING
+from twin.identify.axis_identification import AxisIdentification
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.axis_prediction import predict_axis, prediction_times, refit_for_prediction
 from twin.identify.axis_problem import AxisProblem
+from twin.identify.axis_verdicts import assess_axis
 from twin.identify.balls import ball_factor
 from twin.identify.command_model import TiltHistory, apply_play, drive_path
 from twin.identify.drive_effects import profile, profile_drives
 from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
 from twin.identify.log_columns import unit_factor, wanted_columns
+from twin.identify.model_choice import select_model
 from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
 from twin.identify.plain_model import AxisFit, fit_axis
 from twin.identify.profiles import Profile
@@ -509,8 +509,8 @@ def test_play_and_dead_band_are_told_apart_over_twelve_rigs(axis_of, name, other
 def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, about):
     truth = {**TRUTH, "camber": 0.0, **about}
     names = ("friction", "camber") if "camber" in about else ("friction",)
-    fit, _ = _select_model(axis_of(3, rate=rate, seconds=50, **about), names)
-    found = {each.name[:-2]: each for each in _assess_axis(fit, "x", "rad")}
+    fit, _ = select_model(axis_of(3, rate=rate, seconds=50, **about), names)
+    found = {each.name[:-2]: each for each in assess_axis(fit, "x", "rad")}
     for name in ("gain", "level", *names):
         each = found[name]
         assert each.word == IDENTIFIED_VERDICT

@@ -11,8 +11,10 @@ from docs import identify_coverage
 from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import TUBE, Rig, simulate_log
 from twin.identify import fallback, first_look
-from twin.identify.any_rig import AxisIdentification, describe_lags, identify_axes, join_logs
+from twin.identify.any_rig import identify_axes, join_logs
+from twin.identify.axis_identification import AxisIdentification
 from twin.identify.axis_logs import AnyLog, AxisLog
+from twin.identify.axis_verdicts import describe_lags
 from twin.identify.end_stops import find_end_stops
 from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
 from twin.identify.first_look import (

@@ -9,10 +9,12 @@ import pytest
 
 from twin.base.errors import LogError
 from twin.identify import command_model
-from twin.identify.any_rig import AXIS_SELECTION, _assess_axis, identify_axes
+from twin.identify.any_rig import identify_axes
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.axis_problem import AxisProblem
+from twin.identify.axis_selection import AXIS_SELECTION
+from twin.identify.axis_verdicts import assess_axis
 from twin.identify.command_model import TiltHistory
 from twin.identify.drive_effects import profile, profile_contenders
 from twin.identify.fallback import PLAIN_WHY
@@ -321,13 +323,13 @@ def test_intervals_include_what_a_term_that_is_left_out_would_change(axis_log):
     theta = without.found.theta * np.where(np.array(names) == "gain", 1.1, 1.0)
     elsewhere = replace(without, found=without.found._replace(theta=theta))
     assert find_term(elsewhere, "camber")[0][0] == pytest.approx(changes[0], rel=0.3)
-    told = {each.name: each for each in _assess_axis(without, "x", "rad")}
+    told = {each.name: each for each in assess_axis(without, "x", "rad")}
     scale, half = without.problem.tilt.scale, without.estimate().half_width[0]
     ends = (without.value("gain") + np.array([min(changes[0], 0), max(changes[0], 0)])) / scale
     assert told["gain_x"].low <= ends[0] - half / scale
     assert told["gain_x"].high >= ends[1] + half / scale
     cheaper = replace(AXIS_SELECTION, optional_parameters=())
-    plain = {each.name: each for each in _assess_axis(without, "x", "rad", cheaper)}
+    plain = {each.name: each for each in assess_axis(without, "x", "rad", cheaper)}
     assert plain["gain_x"].high - plain["gain_x"].low < told["gain_x"].high - told["gain_x"].low
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from docs.identify_errors import Rig, simulate_log
-from twin.identify.any_rig import _assess_axis
 from twin.identify.axis_logs import AxisLog
 from twin.identify.axis_problem import AxisProblem
+from twin.identify.axis_verdicts import assess_axis
 from twin.identify.command_model import TiltHistory
 from twin.identify.further_terms import find_hidden_changes
 from twin.identify.plain_model import fit_axis
@@ -28,7 +28,7 @@ def test_friction_that_holds_a_damping_too_small_to_be_fitted_reaches_the_true_o
         for what, each in find_hidden_changes(fit)
     }
     assert fit.value("friction") - half + lower["a damping too small to be fitted"] < rig.friction
-    (said,) = (each for each in _assess_axis(fit, "x", "rad") if each.name == "friction_x")
+    (said,) = (each for each in assess_axis(fit, "x", "rad") if each.name == "friction_x")
     assert said.low < rig.friction < said.high
     assert "the interval includes what a damping too small to be fitted would change" in said.why
 

@@ -278,8 +278,8 @@ def test_a_log_without_a_full_fit_is_predicted_by_five_numbers(monkeypatch):
     def refuse(*_):
         raise LogError("2 stretches")
 
-    monkeypatch.setattr(any_rig, "_select_model", refuse)
-    monkeypatch.setattr(any_rig, "_fit_usual_parameters", lambda *_: {})
+    monkeypatch.setattr(any_rig, "select_model", refuse)
+    monkeypatch.setattr(any_rig, "fit_usual_parameters", lambda *_: {})
     logs = [AnyLog("rig.csv", {"x": axis_of(s, PLAIN)}, {"x": "rad"}, ()) for s in (1, 2)]
     found = identify_axes(logs[:1], logs[1:])
     assert found.scores[0].median["model"][1] < 3e-3
