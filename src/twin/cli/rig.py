@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from twin.devices.akd.object_names import Names
     from twin.devices.akd.traces import Trace
     from twin.doctor.check import Ask, CheckResult
+    from twin.emulator.bus_name import BusName
     from twin.emulator.virtual_bus import VirtualBus
     from twin.safety.trial import FaultRow
     from twin.scenario import Scenario
@@ -219,14 +220,17 @@ def emulate(
         return 0
     from contextlib import ExitStack
 
+    from twin.emulator.bus_name import PSEUDO_TERMINAL, parse_bus
+
+    name = None if bus == PSEUDO_TERMINAL else parse_bus(bus)
     from twin.emulator.control import control_socket
     from twin.emulator.serve import VirtualRig, come_forward
 
     kind = kind or "akd"
-    own_host = kind == "akd" and not bus.startswith("udp_multicast")
+    own_host = kind == "akd" and (name is None or name.interface != "udp_multicast")
     if file is not None and not own_host:
         raise RigError("--write: a rig file is for AKD drives only, and not for udp_multicast")
-    served = _virtual_bus(scenario, overrides, kind, mechanism, bus, nodes, protocol)
+    served = _virtual_bus(scenario, overrides, kind, mechanism, name, nodes, protocol)
     with ExitStack() as opened:
         rig = opened.enter_context(served)
         if control is not None:
@@ -256,7 +260,7 @@ def _virtual_bus(
     overrides: tuple[str, ...],
     kind: str,
     mechanism: str,
-    bus: str,
+    bus: BusName | None,
     nodes: tuple[int, ...],
     protocol: str,
 ) -> VirtualBus:
@@ -265,12 +269,10 @@ def _virtual_bus(
     Raises:
         RigError: Options that do not go together, or a bus that cannot be opened.
     """
-    from twin.emulator.bus_port import PSEUDO_TERMINAL, parse_bus
     from twin.emulator.load import InertiaLoad, ShaftLoad
     from twin.emulator.profile_drive import ProfileDrive
     from twin.emulator.virtual_bus import VirtualBus
 
-    name = None if bus == PSEUDO_TERMINAL else parse_bus(bus)
     if len(set(nodes)) < len(nodes):
         raise RigError("--node: each drive needs a different node")
     if mechanism == "inertia":
@@ -278,7 +280,7 @@ def _virtual_bus(
             raise RigError("--mechanism inertia: needs --drive cia402; AKD drives turn the plate")
         if overrides:
             raise RigError("--set: changes the scenario of a plate; --mechanism inertia has none")
-        return VirtualBus([ProfileDrive(node, InertiaLoad()) for node in nodes or (1,)], name)
+        return VirtualBus([ProfileDrive(node, InertiaLoad()) for node in nodes or (1,)], bus)
     from twin.emulator.drive import EmulatedDrive
     from twin.emulator.serve import VirtualRig
     from twin.scenario import load
@@ -289,7 +291,7 @@ def _virtual_bus(
     drives: list[EmulatedDrive | ProfileDrive[ShaftLoad]] = [
         EmulatedDrive(node) if kind == "akd" else ProfileDrive(node, ShaftLoad()) for node in nodes
     ]
-    return VirtualRig(load(scenario, overrides), Protocol(protocol), drives, name)
+    return VirtualRig(load(scenario, overrides), Protocol(protocol), drives, bus)
 
 
 def _listen(rig: VirtualBus) -> None:
@@ -316,7 +318,6 @@ def safety(
     """Inject faults into a rig on emulated devices, and evaluate detection and reaction."""
     from twin.emulator.fault_lines import MATRIX_ROWS
     from twin.safety.faults import CASES, choose_cases
-    from twin.safety.trial import failure_sheet, run_all
 
     cases = choose_cases(words)
     if out is not None and only_list:
@@ -337,6 +338,8 @@ def safety(
         shown_rows = [(each["name"], each["condition"] or "none", each["fault"]) for each in listed]
         show(listed, (Table("", heads, shown_rows, words=(0, 1, 2)),))
         return 0
+    from twin.safety.trial import failure_sheet, run_all
+
     with progress("fault matrix", len(cases)) as advance:
         rows = run_all(processes or cores(), advance, cases)
     if out is not None:
