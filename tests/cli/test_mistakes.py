@@ -101,6 +101,11 @@ LINES = {
     "identify runs/excite": "runs/excite is not there yet; first: ballplate run excite",
     "report foreign.parquet": "not a record of ballplate",
     "report log.csv": "a log, not a run; ballplate compare log.csv SCENARIO",
+    "export scope.log a.csv": "a log, not a run; ballplate compare scope.log SCENARIO, with --col",
+    "view scope.log log.csv": "scope.log: not a run",
+    "report scope.mat": "a log, not a run; ballplate compare scope.mat SCENARIO",
+    "whatif scope.log --at 0.1": "give --scenario NAME",
+    "export plain out.csv": "plain: not a run, which is a folder with run.parquet, or this file",
     "report": "no run in runs/ yet",
     "report round": "round: not a readable Parquet file",
     "identify german.csv": "columns are separated by ';'",
@@ -191,6 +196,9 @@ def folder(tmp_path_factory):
     for name, text in FILES.items():
         (place / name).write_text(text)
     (place / "round").symlink_to("round")
+    (place / "scope.log").write_text("time;x;y\n0;1;2\n0.1;2;3\n")
+    (place / "plain").write_text("time x y\n0 1 2\n")
+    (place / "scope.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(128))
     (place / "mine").mkdir()
     (place / "mine" / "notes.txt").write_text("of somebody")
     keys = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")

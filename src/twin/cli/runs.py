@@ -39,6 +39,7 @@ from twin.run.files import (
     check_no_scenario,
     free,
     is_last,
+    is_log,
     last,
     run_folder,
 )
@@ -404,8 +405,11 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
         check_no_scenario(path)
         if len(paths) > 1 and _is_trace(path) and path.suffix != ".parquet":
             raise RecordError(f"{path}: not a run; show a CAN trace without runs")
-        if path.suffix == ".csv":
-            raise RecordError(f"{path}: a log, not a run; ballplate compare {path} SCENARIO")
+        if is_log(path):
+            raise RecordError(
+                f"{path}: a log, not a run; ballplate compare {path} SCENARIO, with --columns "
+                f"where its columns have other names; a CAN trace: ballplate trace {path}"
+            )
     from twin.run.opened import open_runs
 
     return open_runs(paths, TERMINAL.warn)
