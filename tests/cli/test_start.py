@@ -68,6 +68,11 @@ MISTAKES = (
     "emulate --bus no",
     "doctor --scenario cirle", "study no", "tune no", "fit no", "sweep no duration=1:2:2",
     "play no", "identify no", "shadow no", "whatif no --at 1", "calibrate level no",
+    "report --out /proc/no/a", "view --rrd /proc/no.rrd",
+    "run circle --rig emulated --trace /proc/no", "calibrate cams --out /proc/no",
+    "calibrate touch --out /proc/no", "safety --out /proc/no",
+    "trace no --out /proc/no", "trace no --log /proc/no", "emulate --write /proc/no",
+    "export circle /proc/no.fmu", "export circle /proc/no.c", "bench verify no", "bench table no",
 )  # fmt: skip
 
 

@@ -231,6 +231,27 @@ def _note_board(context: click.Context, option: click.Parameter, program: str | 
 
 PATH_TYPE = click.Path(path_type=Path)
 """A file or folder, there or not."""
+
+
+class WritableFile(click.Path):
+    """A file to be written; whether it can be is checked before the work, when it is parsed."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The file.
+
+        Raises:
+            ScenarioError: If it cannot be written.
+        """
+        file = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if ctx is None or ctx.resilient_parsing:  # the Tab key writes nothing
+            return file
+        from twin.base.writing import check_writable_file
+
+        return check_writable_file(file, param.opts[-1] if param else "file")
+
+
+WRITABLE_FILE = WritableFile()
+"""A file to be written."""
 SCENARIO = functools.partial(
     click.argument, "scenario", callback=check_scenario_name, shell_complete=scenarios
 )

@@ -18,7 +18,7 @@ from ballplate.rig_access import EMULATED_RIG, rig_of
 from twin.base.errors import LogError, RigError, ScenarioError, plural
 from twin.base.jobs import cores
 from twin.base.page import Table
-from twin.base.writing import check_writable, check_writable_file, write_whole
+from twin.base.writing import check_writable, write_whole
 from twin.cli import options
 from twin.cli.output import (
     TERMINAL,
@@ -175,7 +175,9 @@ def request(word: str) -> str:
 )
 @click.option("--control", type=options.PATH_TYPE, help="Unix socket that accepts such lines.")
 @click.option(
-    "--eds", type=options.PATH_TYPE, help="Only write the EDS of the cia402 drives there."
+    "--eds",
+    type=options.WRITABLE_FILE,
+    help="Only write the EDS of the cia402 drives there.",
 )
 @click.option(
     "--protocol",
@@ -186,7 +188,7 @@ def request(word: str) -> str:
 @click.option(
     "--write",
     "file",
-    type=options.PATH_TYPE,
+    type=options.WRITABLE_FILE,
     help="Where to write the rig file of AKD drives [emulated.toml].",
 )
 def emulate(
@@ -309,7 +311,11 @@ def _listen(rig: VirtualBus) -> None:
     metavar="WORDS",
     help="Inject only faults with these words in name or condition; repeatable.",
 )
-@click.option("--out", type=options.PATH_TYPE, help="Also write a failure mode sheet, .csv.")
+@click.option(
+    "--out",
+    type=options.WRITABLE_FILE,
+    help="Also write a failure mode sheet, .csv.",
+)
 @options.PROCESSES_OPTION
 @options.JSON_OPTION
 def safety(
@@ -322,8 +328,6 @@ def safety(
     cases = choose_cases(words)
     if out is not None and only_list:
         raise ScenarioError("--out: not allowed with --list, which injects no fault")
-    if out is not None:
-        check_writable_file(out)
     if only_list:
         named = {row: name for name, row in MATRIX_ROWS.items()}
         listed = [
@@ -386,7 +390,11 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option(
     "--replay", "again", is_flag=True, help="Send the host's frames to emulated drives and compare."
 )
-@click.option("--out", type=options.PATH_TYPE, help="Also write the events there, a CSV file.")
+@click.option(
+    "--out",
+    type=options.WRITABLE_FILE,
+    help="Also write the events there, a CSV file.",
+)
 @click.option("--all", "everything", is_flag=True, help="Also what nodes sent, values and events.")
 @click.option(
     "--check",
@@ -395,7 +403,9 @@ def _table(rows: list[FaultRow]) -> Table:
 )
 @click.option("--touch", type=options.PATH_TYPE, help="The data of the touch screen, a CSV file.")
 @click.option(
-    "--log", type=options.PATH_TYPE, help="With --rig and --touch: write a log there, .csv."
+    "--log",
+    type=options.WRITABLE_FILE,
+    help="With --rig and --touch: write a log there, .csv.",
 )
 @options.JSON_OPTION
 def trace(

@@ -19,7 +19,7 @@ from ballplate.running import run as run_scenario
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, ViewError, plural
 from twin.base.shipped import folder, model_path
-from twin.base.writing import write_whole
+from twin.base.writing import check_writable, check_writable_beside, write_whole
 from twin.cli import options
 from twin.cli.output import (
     TERMINAL,
@@ -82,7 +82,7 @@ def list_scenarios() -> None:
 )
 @click.option(
     "--trace",
-    type=options.PATH_TYPE,
+    type=options.WRITABLE_FILE,
     help="With --rig: file for the frames of its CAN bus: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
@@ -417,7 +417,11 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
 
 @options.command(example="view runs/circle", reads=True)
 @click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
-@click.option("--rrd", type=options.PATH_TYPE, help="Write a recording, open no viewer.")
+@click.option(
+    "--rrd",
+    type=options.WRITABLE_FILE,
+    help="Write a recording, open no viewer.",
+)
 @options.SERVE_OPTION
 def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
@@ -514,13 +518,18 @@ def _report_folder(asked: tuple[Path, ...], opened: Sequence[Run]) -> Path:
     metavar="html,png,pdf,svg",
     help="What to write [by the ending of --out, else html].",
 )
-@click.option("--out", type=options.PATH_TYPE, help="File, its ending optional [RUN/report].")
+@click.option(
+    "--out",
+    type=options.WRITABLE_FILE,
+    help="File, its ending optional [RUN/report].",
+)
 def report(runs: tuple[Path, ...], formats: list[str] | None, out: Path | None) -> int:
     """Report on one run folder, or compare several: a page, pictures.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _open_runs(runs)
+    stem = out or check_writable(_report_folder(runs, opened), "report:") / "report"
     from twin.base.page import encode_figure  # heavy: a wrong name was reported before
     from twin.devices.akd import TRACE_FILE
     from twin.devices.akd.traces import SEAL_FILE, find_altered_parts
@@ -529,7 +538,6 @@ def report(runs: tuple[Path, ...], formats: list[str] | None, out: Path | None) 
     for each in opened:
         if each.folder is not None and (each.folder / SEAL_FILE).exists():
             each.incomplete = (*each.incomplete, *find_altered_parts(each.folder / TRACE_FILE))
-    stem = out or _report_folder(runs, opened) / "report"
     if (ending := stem.suffix.removeprefix(".")) in REPORT_FORMATS:
         stem, formats = stem.with_suffix(""), formats or [ending]
     if stem.is_dir():
@@ -606,6 +614,7 @@ def export(
     Or a scenario's controller, as a folder of C source for a board, here controller/:
     ballplate export circle controller.c --real float
     """
+    check_writable_beside(file, "FILE")
     if controller and (bus or file.suffix != ".fmu"):
         raise RecordError(f"{file}: --controller: exports an FMU; the file must end in .fmu")
     if real and file.suffix != ".c" and not controller:

@@ -166,9 +166,9 @@ def identify(
             option = f"--{name.replace('_', '-')}"
             raise ScenarioError(f"{option}: needs --columns; a run states its rig")
     hold_out = _held_out(held)
+    folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     from ballplate.identifying import identify as identify_log
 
-    folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
     from twin.identify.report import TABLE_HEADINGS, rows
     from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
@@ -317,8 +317,6 @@ def shadow(
         raise ScenarioError(f"{same}: two logs have the same name; rename one")
     first = None if reference is None else log_file(reference)
     _check_columns([*([first] if first else ()), *files], how)
-    from twin.shadow.reference import examine_by_reference
-    from twin.shadow.report import WRITTEN_FILES, examine, sentences
 
     def folder_of(file: Path, name: str) -> Path:
         if out is not None:
@@ -326,6 +324,9 @@ def shadow(
         return check_writable(file.parent if is_record(file) else RUNS_FOLDER / f"shadow-{name}")
 
     folders = [folder_of(*each) for each in zip(files, names, strict=True)]
+    from twin.shadow.reference import examine_by_reference
+    from twin.shadow.report import WRITTEN_FILES, examine, sentences
+
     if first is None:
         with progress(f"the twin of {names[0]}", 1.0):
             one = examine(files[0], folders[0], overrides, learning=learn, **how)
@@ -431,11 +432,11 @@ def whatif(
         drawing.begin(load_drawing)
         rig = () if on is None else (f"parameters={on}",)
         changes = branches_of(settings, branches)
+        folder = check_writable(out or RUNS_FOLDER / f"whatif-{run_name(run)}")
         moment = moment_of(run, at, settings=rig, branches=changes, **log)
         found = futures(moment, lasting, changes)
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
-        folder = check_writable(out or RUNS_FOLDER / f"whatif-{run_name(run)}")
         write(moment, found, folder, drawing)
     for note in moment.notes:
         warn(note)
