@@ -80,7 +80,7 @@ def read_any(
             notes.append(
                 f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
             )
-        columns[role] = column.sign * factor * values
+        columns[role] = column.to_si(values, factor)
         if index in clocks:
             times[role] = clocks[index]
         counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
