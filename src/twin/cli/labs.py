@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.base.errors import RecordError, ScenarioError, plural, suggest
+from twin.base.errors import RecordError, ScenarioError, naming, plural, suggest
 from twin.base.jobs import cores
 from twin.base.page import Table
 from twin.base.shipped import shipped_labs, titles
@@ -282,7 +282,9 @@ def new(name: str, like: str | None, out: Path | None) -> int:
     from twin.lab.schema import read
 
     folder = out or Path(name)
-    begin(name, folder, read(like) if like else None)
+    with naming("--like"):
+        copied = read(like) if like else None
+    begin(name, folder, copied)
     if not any(folder.glob("solution.*")):
         warn("the copy has no solution and no mutants: only a clone of the repository has them")
     say(f"{folder}/: begin with lab.toml and solution.py; then: ballplate lab selftest {folder}")
@@ -400,7 +402,8 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
 
     if out.suffix != ".csv":
         raise ScenarioError(f"--out {out}: must end in .csv")
-    names = students(people) if people else None
+    with naming("--class"):
+        names = students(people) if people else None
     _warn_of_practice(lab, given["key"])
     processes, key = given["processes"] or cores(), _text(given["key"])
     collected, kept = collect(lab, folder, names or ()), out.with_suffix(".results")

@@ -17,7 +17,15 @@ from ballplate.changes import scenarios
 from ballplate.running import CLEAN_LABEL
 from ballplate.running import run as run_scenario
 from twin.base.data_file import read_toml
-from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, ViewError, plural
+from twin.base.errors import (
+    LogError,
+    RecordError,
+    ScenarioError,
+    TwinError,
+    ViewError,
+    naming,
+    plural,
+)
 from twin.base.shipped import folder, model_path
 from twin.base.writing import check_writable, check_writable_beside, write_whole
 from twin.cli import options
@@ -655,7 +663,9 @@ def export(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
             "pictures: .webp, .gif, .mp4"
         )
-    opened = [each for path in (run, *beside) for each in _open_runs((path,))]
+    opened = _open_runs((run,))
+    with naming("--beside"):
+        opened += [each for path in beside for each in _open_runs((path,))]
     if not moving:
         if len(opened) > 1:
             raise RecordError(f"{run}: contains {len(opened)} runs; give one of them")

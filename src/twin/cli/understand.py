@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.changes import changes_of, scenario_of, warn_of_replaced
-from twin.base.errors import LogError, ScenarioError, plural
+from twin.base.errors import LogError, ScenarioError, naming, plural
 from twin.base.page import Table, digits
 from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
@@ -130,6 +130,7 @@ PARAMETERS_HELP = (
 @click.option(
     "--on",
     metavar="RIG",
+    callback=options.check_rig_name,
     help="With --columns: the rig, or file of parameters, that the results are laid over; "
     "with --plan the rig.",
     shell_complete=options.rigs,
@@ -315,7 +316,8 @@ def shadow(
     if len(set(names)) < len(names):
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
         raise ScenarioError(f"{same}: two logs have the same name; rename one")
-    first = None if reference is None else log_file(reference)
+    with naming("--reference"):
+        first = None if reference is None else log_file(reference)
     _check_columns([*([first] if first else ()), *files], how)
 
     def folder_of(file: Path, name: str) -> Path:
@@ -393,9 +395,16 @@ FURTHER_HELP = "A further future, with these changes in addition to --set; repea
     show_default=True,
     help="Duration of the future, s.",
 )
-@click.option("--scenario", help="Scenario of a log that does not state it: a name or a TOML file.")
 @click.option(
-    "--on", metavar="RIG", help="Rig of the log: a name, or a file of identified parameters."
+    "--scenario",
+    callback=options.check_scenario_name,
+    help="Scenario of a log that does not state it: a name or a TOML file.",
+)
+@click.option(
+    "--on",
+    metavar="RIG",
+    callback=options.check_rig_name,
+    help="Rig of the log: a name, or a file of identified parameters.",
 )
 @options.COLUMNS
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/whatif-RUN].")
