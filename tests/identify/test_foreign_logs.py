@@ -188,7 +188,7 @@ def test_rows_that_end_where_nothing_is_seen_are_no_damage(tmp_path):
         ([], "is empty"),
         (["", "  ", "# a remark"], "is empty"),
         (rows()[:1], "contains hardly any numbers"),
-        (rows()[:2], "1 usable rows"),
+        (rows()[:2], "1 usable row,"),
         (["t,x,x", *rows()[1:]], "two columns are called x"),
         (["t,x", *rows()[1:]], "its header names 2 columns, its rows have 3"),
         (["x,u", *rows()[1:]], "its header names 2 columns, its rows have 3"),
