@@ -972,7 +972,9 @@ def test_a_ball_beyond_the_plate_on_one_side_of_zero_is_told_of_the_zero(middle,
     own = AxisLog(time, 0 * time, True, time, middle + swing * np.sin(4 * time))
     with pytest.raises(LogError, match="the plate ends at") as refused:
         AnyLog("tube.csv", {"x": own}, {"x": "rad"}, ()).on(load("line", ("parameters=tube",)))
-    asked = f"its zero is not the plate's middle: it moves about {middle:.2g} m"
+    asked = (
+        f"it moves about {middle:.2g} m; state the column's number in the middle of the plate, as"
+    )
     assert (asked in str(refused.value)) is said
 
 

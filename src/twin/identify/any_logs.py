@@ -80,7 +80,7 @@ def read_any(
             notes.append(
                 f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
             )
-        columns[role] = column.sign * factor * values
+        columns[role] = column.to_si(values, factor)
         if index in clocks:
             times[role] = clocks[index]
         counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
@@ -196,8 +196,8 @@ def _clean_log(
     if len(time) < 50 or not 2e-5 < step < MAX_COMMAND_GAP_S:
         hint = "; milliseconds? tell time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
         raise LogError(
-            f"{source}: {len(time)} usable rows, {step:.3g} s apart: at least 50 are needed, at "
-            f"most {MAX_COMMAND_GAP_S:g} s apart{hint}"
+            f"{source}: {plural(len(time), 'usable row')}, {step:.3g} s apart: at least 50 are "
+            f"needed, at most {MAX_COMMAND_GAP_S:g} s apart{hint}"
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
@@ -221,7 +221,8 @@ def _clean_log(
     false = _find_false_samples(ball, seen)
     if false.any():
         notes.append(
-            f"{int(false.sum())} ball positions left out: held, or far off their neighbours"
+            f"{plural(int(false.sum()), 'ball position')} left out: held, or far off their "
+            "neighbours"
         )
     shown = np.flatnonzero(seen & ~false)
     if len(shown) < 10:

@@ -1,7 +1,8 @@
 """Roles of the columns of a log of any rig, and which columns a person gives them.
 
 A column is given as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the third,
-``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
+``command_theta=-servo2:0.24deg`` with its sign turned and a factor, ``measured_x=far:mm@50`` with
+the number that it has at zero.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from controllers.arrays import Array
 from twin.base.errors import LogError, suggest
 from twin.run.logs import UNIT_SCALES
 
@@ -41,11 +43,17 @@ class ColumnWanted:
         name: In the header, or its number from 1 on.
         unit: As given; empty for the unit of the header, or SI if that has none.
         sign: 1 or -1.
+        zero: Number in the column that stands for zero, as of a sensor at one end of a tube.
     """
 
     name: str
     unit: str
     sign: float
+    zero: float = 0.0
+
+    def to_si(self, values: Array, factor: float) -> Array:
+        """Numbers of the column, shape (K,), in SI units of this factor, counted from zero."""
+        return self.sign * factor * (values - self.zero)
 
 
 def wanted_columns(text: str) -> dict[str, ColumnWanted]:
@@ -71,12 +79,16 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
         sign = -1.0 if name.startswith("-") and len(name) > 1 else 1.0
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
+        zero = 0.0
+        if name and "@" in unit:
+            unit, _, after = unit.partition("@")
+            zero = _number_at_zero(role, after)
         if unit and unit_factor(unit, ROLE_UNITS[role]) is None:
             known = ", ".join(filter(None, _unit_scales(ROLE_UNITS[role])))
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )
-        found[role] = ColumnWanted(name.strip(), unit, sign)
+        found[role] = ColumnWanted(name.strip(), unit.strip(), sign, zero)
     lacking: list[str] = []
     if not any(ball in found for ball, _ in AXIS_COLUMNS.values()):
         lacking.append("measured_x or measured_y")
@@ -86,6 +98,25 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     if lacking:
         raise LogError(f"--columns: give {'; '.join(lacking)}, too")
     return found
+
+
+def _number_at_zero(role: str, text: str) -> float:
+    """The number that a column has where its quantity is zero.
+
+    Raises:
+        LogError: If it is no number, or the quantity has no zero to choose.
+    """
+    if role in ("age", "touched"):
+        raise LogError(f"--columns: {role}: @{text}: only positions, tilts and time have a zero")
+    try:
+        zero = float(text)
+    except ValueError:
+        zero = math.nan
+    if not math.isfinite(zero):
+        raise LogError(
+            f"--columns: {role}: @{text}: give the column's number at zero, as {role}=NAME:UNIT@50"
+        )
+    return zero
 
 
 def unit_factor(unit: str, si: str) -> float | None:
