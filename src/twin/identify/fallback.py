@@ -9,7 +9,7 @@ from twin.base.errors import plural
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
-    find_possible_levers,
+    find_possible_linkages,
     join_looks,
     look_at_any_motion,
     look_at_rolling_in_several_ways,
@@ -62,9 +62,9 @@ def assess_plainly(
     words = {each.name: each.word for each in verdicts}
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
-    levers = find_possible_levers(log)
-    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, levers)
-    first, found = join_looks(rolling or look_at_any_motion(log, levers)), {}
+    tried = find_possible_linkages(log)
+    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, tried)
+    first, found = join_looks(rolling or look_at_any_motion(log, tried)), {}
     if first is None:
         return list(verdicts), []
     why = PLAIN_WHY if first.plain else ROLLING_WHY
