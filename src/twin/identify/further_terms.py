@@ -118,8 +118,10 @@ def _change_by_filters(fit: AxisFit) -> Array:
     Of N filters that explain the log as well as the best one of those tried, or none. A fit with a
     filter tau begins where mean and variance of the response to an impulse are those of the fit
     without: with a lag of sqrt(lag^2 - tau^2) and the same whole delay. Dead time and lag by
-    themselves are those before the filter, and not compared. The first samples of each window,
-    where a filter still has its start, do not count.
+    themselves are those before the filter, and not compared. Starts are fitted along with every
+    step: with those that a step merely shifts, a friction that turns the ball makes the cost rise,
+    and no step would be taken. The first samples of each window, where a filter still has its
+    start, do not count.
     """
     names = fit.problem.names
     lag = fit.value("lag") if "lag" in names else 0.0
@@ -135,7 +137,7 @@ def _change_by_filters(fit: AxisFit) -> Array:
         theta[0, pair] = delay - share * lag - rest, rest
         theta = np.clip(theta, *behind.bounds)
         starts = fit_starts(behind, theta, fit.found.starts, 4)
-        found = minimise(behind, theta, starts, 20, 3, control=fit.how.search.control).best(1)
+        found = minimise(behind, theta, starts, 20, 3, 2, fit.how.search.control).best(1)
         left = behind.linearise(found.theta, found.starts, slopes=False)
         fits.append(append_delay(found.theta, names)[0])
         fits[-1][-1] += share * lag
