@@ -189,7 +189,7 @@ def exact_motion(friction, lever=0.0, seconds=40.0, play=0.0, steps=False):
         x += h * v
         places[k] = x
     seen = slice(None, None, 10)
-    return AxisLog(time[seen], tilt[seen], play > 0, time[seen], places[seen])
+    return AxisLog(time[seen], tilt[seen], bool(play), time[seen], places[seen])
 
 
 def test_no_negative_friction_is_believed():
@@ -242,7 +242,7 @@ PLAYS = (0.0, 0.1, 0.3, 0.5)
 @pytest.mark.parametrize("look", [look_at_any_motion, look_at_rolling_in_several_ways])
 def test_the_best_look_has_the_play_that_the_log_shows(look):
     """The gap is 0.2 swings to each side, between two of those tried next to it."""
-    swing = np.std(exact_motion(0.02).tilt)
+    swing = float(np.std(exact_motion(0.02).tilt))
     log = exact_motion(0.02, play=2 * 0.2 * swing)
     (without, *_), looks = (look(log, TriedLinkages((0.0,), each)) for each in ((0.0,), (0, 0.2)))
     assert abs(without.gain - 6.0) > 3 * abs(looks[0].gain - 6.0)
