@@ -12,7 +12,7 @@ from controllers.arrays import Array
 from twin.base.page import digits
 from twin.identify.axis_selection import AXIS_SELECTION, AxisSelection
 from twin.identify.command_model import DRIVE_EFFECTS
-from twin.identify.further_terms import find_hidden_changes, find_term
+from twin.identify.further_terms import append_delay, find_hidden_changes, find_term
 from twin.identify.least_squares import Estimate
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter, plain_parameter
 from twin.identify.plain_model import AxisFit
@@ -32,8 +32,6 @@ DOUBTED_WHERE_NOT_WHITE = {
     "friction": "a friction that builds up over a way, or sticks, is another",
 }
 """Parameters that an error of the model moves in all windows alike, and what may do so."""
-RESEMBLED = ("gain", "friction", "viscous")
-"""Parameters that a filter of the positions, or a friction that sticks, changes most."""
 AKAIKE_PENALTY = 2.0
 """What a term has to reduce twice the negative log-likelihood by, in Akaike's criterion."""
 
@@ -44,7 +42,6 @@ def assess_axis(
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     rows = (*names, *(("delay",) if "lag" in names else ()))
-    pair = [k for k, name in enumerate(names) if name in {"dead_time", "lag"}]
     own = _append_total_delay(fit)
     low, high = own.value - own.half_width, own.value + own.half_width
     reasons: list[list[str]] = [[] for _ in rows]
@@ -61,8 +58,7 @@ def assess_axis(
         for k in np.flatnonzero(unlike).tolist():
             reasons[k].append(word)
     for what, changes in _find_left_out_terms(fit, selection):
-        total = changes[:, pair].sum(axis=1)
-        moved = np.column_stack((changes, total)) if len(rows) > len(names) else changes
+        moved = changes[:, : len(rows)]
         low, high = low + moved.min(axis=0, initial=0.0), high + moved.max(axis=0, initial=0.0)
         for k in np.flatnonzero(np.abs(moved).max(axis=0) > own.half_width).tolist():
             reasons[k].append(f"the interval includes what {what} would change")
@@ -133,8 +129,9 @@ def _find_left_out_terms(fit: AxisFit, selection: AxisSelection) -> list[tuple[s
         selection: Constants.
 
     Returns:
-        Each in words, and N changes that it may make, shape (N, P); none for a term of an
-        impossible sign, or one that the log does not show: Akaike's criterion is no better with it.
+        Each in words, and N changes that it may make, of the parameters and, last, of the whole
+        delay, shape (N, P + 1); none for a term of an impossible sign, or one that the log does not
+        show: Akaike's criterion is no better with it.
     """
     names, found = fit.problem.names, list[tuple[str, Array]]()
     if fit.problem.drift:
@@ -145,11 +142,11 @@ def _find_left_out_terms(fit: AxisFit, selection: AxisSelection) -> list[tuple[s
             better = (changes[-1] / std) ** 2 > AKAIKE_PENALTY
             if better and changes[-1] > PLAIN_PARAMETERS[name].least:
                 key = PLAIN_PARAMETERS[name].key
-                found.append((f"a {key} term too small to be fitted", changes[None, :-1]))
+                changed = append_delay(changes[None, :-1], names)
+                found.append((f"a {key} term too small to be fitted", changed))
     by_windows = fit.windowed or fit
     if "friction" in names and by_windows.problem.names == names:
-        resembled = np.isin(names, RESEMBLED)
-        found += [(what, each * resembled) for what, each in find_hidden_changes(by_windows)]
+        found += find_hidden_changes(by_windows)
     return found
 
 
