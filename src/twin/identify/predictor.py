@@ -225,7 +225,7 @@ def fit_five_numbers(
     fitting: AxisFitting = AXIS_FITTING,
     how: PredictorChoice = PREDICTOR_CHOICE,
 ) -> AxisFit:
-    """The plain model of an axis from no first guess, or a first look.
+    """The plain model of an axis, begun from usual values and, where there is one, a first look.
 
     Args:
         log: The axis.
