@@ -23,7 +23,13 @@ from twin.base.errors import LogError
 from twin.base.page import digits
 from twin.identify.axis_fitting import AXIS_FITTING, AxisFitting
 from twin.identify.axis_logs import AxisLog
-from twin.identify.axis_prediction import fit_to_predictions, predict_axis, prediction_times
+from twin.identify.axis_prediction import (
+    choose_level,
+    fit_to_predictions,
+    predict_axis,
+    predict_by_levels,
+    prediction_times,
+)
 from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
@@ -98,9 +104,10 @@ class AxisPredictor:
         Args:
             log: The axis, held out.
             at: When predictions begin.
-            follow: Whether to predict with a followed level and without friction as well.
+            follow: Whether to predict without friction as well, and with a level that is followed
+                while the mean has so predicted better.
         """
-        every = [predict_axis(log, fit, at, follow=follow) for fit in self.fits]
+        every = [predict_by_levels(log, fit, at, follow=follow) for fit in self.fits]
         # all end at the same time, and those from long starts have more samples before
         first = min(every, key=lambda each: each.ahead.shape[1])
         columns = slice(-first.ahead.shape[1], None)
@@ -108,7 +115,8 @@ class AxisPredictor:
             who: np.average([each.by[who][:, columns] for each in every], 0, self.weights)
             for who in first.by
         }
-        return replace(first, by=mean)
+        found = replace(first, by=mean)
+        return choose_level(found) if follow else found
 
 
 def choose_predictor(
@@ -198,14 +206,13 @@ def find_weights(errors: Array, how: PredictorChoice, *, alone: bool = True) -> 
     Args:
         errors: Median errors in m, shape (F, L).
         how: Constants.
-        alone: Whether the first of the F fits may have more than half the weight; if not, it has
-            half the weight where the errors give it more, and else none.
+        alone: Whether the first of the F fits may have more than half the weight.
     """
     weights = np.maximum(errors, how.least_error_m) ** -how.weight_power
     weights /= weights.sum()
     if not alone:
         share = weights[0].sum()
-        weights[0] *= (1 - share) / share if share > 0.5 else 0.0
+        weights[0] *= min(1.0, (1 - share) / share)
         weights /= weights.sum()
     weights[weights < how.min_weight] = 0.0
     return np.asarray(weights / weights.sum())
