@@ -130,7 +130,8 @@ def test_a_log_too_short_to_compare_fits_is_predicted_by_both(monkeypatch, plain
 
 
 def test_the_mean_of_ways_is_that_of_the_positions_of_the_same_times(plain):
-    other = replace(plain, found=plain.found._replace(theta=plain.found.theta * 0.8))
+    wrong = plain.found.theta + np.array([0, 0, 0.3, 0, 0])  # alone it follows the level
+    other = replace(plain, found=plain.found._replace(theta=wrong))
     unseen = axis_of(2, PLAIN)
     at = prediction_times(unseen)
     ways = (plain.with_lead(HOW.leads_s[3]), other.with_lead(HOW.leads_s[0]))
