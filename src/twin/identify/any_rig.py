@@ -32,10 +32,10 @@ from twin.identify.parameters import plain_parameter
 from twin.identify.plain_model import SMOOTH_PARAMETERS, AxisFit
 from twin.identify.predictor import (
     AxisPredictor,
-    choose_lead,
     choose_predictor,
     describe_five_numbers,
     fit_five_numbers,
+    predict_plainly,
 )
 from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict, Predicted, score
@@ -227,15 +227,15 @@ def _fit_axes(
             with suppress(LogError):
                 check_excited(log)
                 plain = fit_five_numbers(log, DELAYS_S[log.held], looks[axis])
-                fits[axis] = choose_lead(AxisPredictor((plain,)))
+                fits[axis] = predict_plainly(plain)
                 five = describe_five_numbers(plain)
                 notes.append(f"{axis}: predictions are those of {five}")
             continue
         notes += [f"{axis}: {each}" for each in about]
         verdicts = assess_axis(fit, axis, units[axis], selection)
         (gain,) = (each for each in verdicts if each.name == f"gain_{axis}")
-        predictor, note = choose_predictor(fit, alone=_excludes_zero(gain), look=looks[axis])
-        fits[axis] = choose_lead(predictor)
+        alone = _excludes_zero(gain)
+        fits[axis], note = choose_predictor(fit, alone=alone, look=looks[axis])
         notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
             verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)
@@ -244,7 +244,7 @@ def _fit_axes(
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
     notes += [
-        f"{axis}: a prediction starts from {1000 * fit.lead_s:.0f} ms of positions"
+        f"{axis}: a prediction starts from {1000 * fit.lead_s:.0f} ms of positions in the mean"
         for axis, fit in fits.items()
     ]
     return fits, found, reasons, notes
