@@ -17,7 +17,7 @@ from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.log_columns import AXIS_COLUMNS, ROLE_UNITS, ColumnWanted, unit_factor
 from twin.identify.log_tables import find_column, open_content, parse_numbers, split_content
-from twin.identify.samples import resolution, runs
+from twin.identify.samples import find_held, resolution, runs
 from twin.run.logs import UNIT_SCALES
 
 MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
@@ -33,6 +33,8 @@ REST_SPEED_M_S = 0.005
 """Speed in m/s below which a ball may as well rest."""
 MIN_JUMP_M = 0.004
 """Way in m at once before or after a repeated reading by which it is false or held."""
+MAX_ACCELERATION_M_S2 = 2.0
+"""Acceleration of a ball in m/s^2 up to which its way between two samples is no jump."""
 
 
 def read_any(
@@ -218,7 +220,15 @@ def _clean_log(
             "measured_x=NAME:mm"
         )
     seen &= np.isfinite(ball).all(axis=-1)
-    false = _find_false_samples(ball, seen)
+    at = np.flatnonzero(seen)
+    held, period = find_held(ball[at])
+    if held.any() and "age" not in columns:
+        seen[at[held]] = False
+        notes.append(
+            f"the ball's position is new in one row of {period}: the rows between hold the last "
+            "one, and are left out"
+        )
+    false = _find_false_samples(ball, seen, sampled)
     if false.any():
         notes.append(
             f"{int(false.sum())} ball positions left out: held, or far off their neighbours"
@@ -355,11 +365,18 @@ def _speed(time: Array, place: Array) -> Array:
     return np.stack((even, np.where(np.abs(speed) > REST_SPEED_M_S, np.abs(speed), 0.0)))
 
 
-def _find_false_samples(ball: Array, seen: Mask) -> Mask:
+def _find_false_samples(ball: Array, seen: Mask, sampled: Array) -> Mask:
     """Samples that repeat an earlier one or show no ball, shape (K,).
 
     A reading that repeats before or after a jump is a value held while no ball was detected; a
-    ball at rest does not jump. Single false ones are found by the median of their neighbours.
+    ball at rest does not jump. Up to four false ones in sequence are far off the median of their
+    neighbours, and come or go at once; so is the ball where it turns, seen by a slow camera, but
+    its velocity changes no faster than a ball accelerates.
+
+    Args:
+        ball: Positions in m, shape (K, A).
+        seen: Rows with one, shape (K,).
+        sampled: When they were taken, s, shape (K,).
     """
     false = np.zeros_like(seen)
     at = np.flatnonzero(seen)
@@ -368,7 +385,8 @@ def _find_false_samples(ball: Array, seen: Mask) -> Mask:
     here = ball[at]
     grid = max(resolution(here[:, axis]) for axis in range(here.shape[1]))
     usual = np.median(np.abs(np.diff(here, n=2, axis=0)), axis=0).max()
-    jump = max(MIN_JUMP_M, 2.5 * grid, 8 * usual)
+    turn = MAX_ACCELERATION_M_S2 * float(np.median(np.diff(sampled[at]))) ** 2
+    jump = max(MIN_JUMP_M, 2.5 * grid, 8 * usual, turn / 2)
     step = np.concatenate((np.abs(np.diff(here, axis=0)).max(axis=1), [0.0]))
     for first, stop in runs(np.asarray(step[:-1] == 0)):
         after = step[stop]
@@ -378,5 +396,9 @@ def _find_false_samples(ball: Array, seen: Mask) -> Mask:
     at = np.flatnonzero(seen & ~false)
     here = ball[at]
     off = np.abs(here - scipy.ndimage.median_filter(here, size=(9, 1), mode="nearest")).max(axis=1)
-    false[at[off > np.maximum(jump, 3 * np.percentile(off, 90))]] = True
+    far = np.asarray(off > np.maximum(jump, 3 * np.percentile(off, 90)))
+    bend = np.abs(np.diff(here, n=2, axis=0, prepend=here[:1], append=here[-1:])).max(axis=1)
+    for first, stop in runs(far):
+        if bend[max(first - 1, 0) : stop + 1].max() > turn:
+            false[at[first:stop]] = True
     return false
