@@ -6,7 +6,7 @@ What is left out or assumed on the way becomes a note of the log.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,22 @@ import scipy
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
-from twin.identify.log_columns import AXIS_COLUMNS, ROLE_UNITS, ColumnWanted, unit_factor
-from twin.identify.log_tables import find_column, open_content, parse_numbers, split_content
-from twin.identify.samples import find_held, resolution, runs
+from twin.identify.log_columns import (
+    AXIS_COLUMNS,
+    ROLE_UNITS,
+    ROLES_OF_BOTH_AXES,
+    ROW_NAME,
+    ColumnWanted,
+    unit_factor,
+)
+from twin.identify.log_tables import (
+    counts_rows,
+    find_column,
+    open_content,
+    parse_numbers,
+    split_content,
+)
+from twin.identify.samples import are_copies, find_held, resolution, runs
 from twin.run.logs import UNIT_SCALES
 
 MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
@@ -59,6 +72,10 @@ def read_any(
     times: dict[str, Array] = {}
     roles: dict[int, str] = {}
     for role, column in wanted.items():
+        if role == "time" and counts_rows(header, column):
+            columns[role] = _number_rows(path.name, column, max(map(len, cells), default=0))
+            units[role] = "s"
+            continue
         index, unit = find_column(path.name, header, role, column)
         if (other := roles.setdefault(index, role)) != role:
             raise LogError(
@@ -87,8 +104,42 @@ def read_any(
             times[role] = clocks[index]
         counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
         units[role] = "count" if counted else ROLE_UNITS[role]
+    notes += _describe_copies(columns, wanted)
     rows = _on_one_clock(path.name, columns, times, notes)
     return _clean_log(path.name, rows, units, notes, merged=rows is not columns)
+
+
+def _number_rows(source: str, column: ColumnWanted, count: int) -> Array:
+    """Times of rows at a constant rate, from 0, shape (count,).
+
+    Raises:
+        LogError: If the rate is not given.
+    """
+    factor = unit_factor(column.unit, "s") if column.unit else None
+    if factor is None:
+        raise LogError(
+            f"{source}: time: give the rate of the rows, as time={ROW_NAME}:100Hz, or the time "
+            f"between two, as time={ROW_NAME}:10ms"
+        )
+    return column.sign * factor * np.arange(count)
+
+
+def _describe_copies(
+    columns: Mapping[str, Array], wanted: Mapping[str, ColumnWanted]
+) -> Iterator[str]:
+    """Columns that are the same for both axes in every row, in words.
+
+    Args:
+        columns: Role to values in SI units.
+        wanted: Role to column.
+    """
+    for role, other in ROLES_OF_BOTH_AXES:
+        if {role, other} <= columns.keys() and are_copies(columns[role], columns[other]):
+            yield (
+                f"{other}: {wanted[other].name} equals {wanted[role].name} ({role}) in every row: "
+                "a column that was written twice? Then one of them is not what it is called, and "
+                "what is fitted to it is wrong"
+            )
 
 
 def _on_one_clock(
@@ -116,7 +167,10 @@ def _on_one_clock(
         times = {k: each for k, each in times.items() if k != "time" and not shares_rows(each)}
     missing = [role for role in columns if role not in times]
     if missing and "time" not in columns:
-        raise LogError(f"{source}: {missing[0]} has no times; give time in --columns, too")
+        raise LogError(
+            f"{source}: {missing[0]} has no times; give time in --columns, too: a column, or for "
+            f"rows at a constant rate time={ROW_NAME}:100Hz"
+        )
     for role in missing:
         if len(columns[role]) != len(columns["time"]):
             raise LogError(

@@ -14,6 +14,21 @@ def resolution(measured: Array) -> float:
     return float(steps.min()) if len(steps) else 0.0
 
 
+def are_copies(first: Array, second: Array) -> bool:
+    """Whether two columns that change have the same number, or its negative, in every row.
+
+    Args:
+        first: Numbers, NaN where there is none, shape (K,).
+        second: Of the other column, any shape.
+    """
+    known = np.isfinite(first)
+    if len(first) != len(second) or (known != np.isfinite(second)).any() or not known.any():
+        return False
+    a, b = first[known], second[known]
+    equal = np.allclose(a, b, rtol=1e-9, atol=0.0) or np.allclose(a, -b, rtol=1e-9, atol=0.0)
+    return bool(np.ptp(a) > 0 and equal)
+
+
 MAX_QUICK_SHARE = 0.1
 """Share of new readings that follow another in less than half the usual rows, at most, where a slow
 sensor's are held over rows."""
@@ -46,7 +61,8 @@ def find_held(readings: Array) -> tuple[Mask, int]:
     if period < 2 or quick > MAX_QUICK_SHARE or coarse:
         return held, 1
     since = np.arange(len(readings)) - np.repeat(new, lengths)
-    own = np.maximum(1, np.round(np.repeat(lengths, lengths) / period))
+    # a late reading after an early one is no second one
+    own = np.maximum(1, np.floor(np.repeat(lengths, lengths) / period + 0.4))
     return np.asarray((since % period != 0) | (since // period >= own)), period
 
 
