@@ -58,7 +58,7 @@ def test_a_held_out_part_that_ends_before_1_s_gives_no_number():
 def test_a_horizon_that_only_a_few_windows_reach_decides_nothing():
     ahead = np.tile(np.linspace(-0.4, 2.0, 61), (8, 1))
     ball = np.where((ahead < 1.5) | (np.arange(8)[:, None] < 2), 0.1 * ahead, np.nan)
-    by = {name: 0.1 * ahead for name in ("model", "without friction", "goes on")}
+    by = dict.fromkeys(("model", "without friction", "goes on"), 0.1 * ahead)
     by["model"] = by["model"] + 0.05 * (ahead > 1.5)
     by["stays"] = 0 * ahead
     found = score({"x": Predicted(np.arange(8) / 2.0, ahead, ball, by)})
