@@ -37,8 +37,10 @@ from twin.identify.predictor import (
     describe_five_numbers,
     fit_five_numbers,
 )
+from twin.identify.slow_cameras import scale_selection, scale_weak_form
 from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict, Predicted, score
+from twin.identify.windows import usual_step
 
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
 """Processor time of the fit of an axis in s, and the same for each second of its log."""
@@ -97,8 +99,10 @@ def identify_axes(
         }
 
     known, joined = part_and_join()
+    step = min(map(usual_step, joined.values()))
+    selection, form = scale_selection(step, selection), scale_weak_form(step)
     say(_describe_work(joined, first.source))
-    looks = {axis: look_first(log) for axis, log in joined.items()}
+    looks = {axis: look_first(log, form) for axis, log in joined.items()}
     for axis, look in looks.items():
         if look:
             say(look.describe(axis, first.unit[axis]))
@@ -116,7 +120,7 @@ def identify_axes(
         logs = [correction.apply(log) for log in logs]
         held = held if isinstance(held, float) else [correction.apply(log) for log in held]
         known, joined = part_and_join()
-        looks = {axis: look_first(log) for axis, log in joined.items()}
+        looks = {axis: look_first(log, form) for axis, log in joined.items()}
         joined = _find_stops(joined, looks)
     notes += warned
     for axis, log in joined.items():
@@ -226,7 +230,7 @@ def _fit_axes(
             notes += plain_notes
             with suppress(LogError):
                 check_excited(log)
-                plain = fit_five_numbers(log, DELAYS_S[log.held], looks[axis])
+                plain = fit_five_numbers(log, DELAYS_S[log.held], looks[axis], selection.fitting)
                 fits[axis] = choose_lead(AxisPredictor((plain,)))
                 five = describe_five_numbers(plain)
                 notes.append(f"{axis}: predictions are those of {five}")
