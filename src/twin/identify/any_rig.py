@@ -37,7 +37,7 @@ from twin.identify.predictor import (
     describe_five_numbers,
     fit_five_numbers,
 )
-from twin.identify.slow_cameras import scale_selection, scale_weak_form
+from twin.identify.slow_cameras import scale_to_samples
 from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict, Predicted, score
 from twin.identify.windows import usual_step
@@ -99,8 +99,7 @@ def identify_axes(
         }
 
     known, joined = part_and_join()
-    step = min(map(usual_step, joined.values()))
-    selection, form = scale_selection(step, selection), scale_weak_form(step)
+    selection, form = scale_to_samples(min(map(usual_step, joined.values())), selection)
     say(_describe_work(joined, first.source))
     looks = {axis: look_first(log, form) for axis, log in joined.items()}
     for axis, look in looks.items():

@@ -1,6 +1,6 @@
 """Lengths of windows for cameras so slow that the usual windows have too few samples.
 
-At 13 samples per second and more all lengths stay as they are.
+At 20 samples per second and more all lengths stay as they are.
 """
 
 from __future__ import annotations
@@ -34,11 +34,21 @@ class MinSamples:
     baseline: float = 3
     horizon_tolerance: float = 0.6
     plain_windows: tuple[float, ...] = (12, 8)
-    rolling_window: float = 5
-    rolling_windows: tuple[float, ...] = (4, 6)
+    rolling_window: float = 8
+    rolling_windows: tuple[float, ...] = (6, 10)
 
 
 MIN_SAMPLES = MinSamples()
+
+
+def scale_to_samples(step_s: float, selection: AxisSelection) -> tuple[AxisSelection, WeakForm]:
+    """The constants of a fit and of a first look with lengths that have enough samples.
+
+    Args:
+        step_s: Usual time between two samples.
+        selection: The constants of the fit.
+    """
+    return scale_selection(step_s, selection), scale_weak_form(step_s)
 
 
 def scale_selection(
