@@ -19,7 +19,7 @@ from twin.identify.axis_selection import AXIS_SELECTION, DELAYS_S, AxisSelection
 from twin.identify.axis_verdicts import assess_axis, describe_lags
 from twin.identify.corrections import find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
-from twin.identify.fallback import assess_plainly
+from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
 from twin.identify.first_look import FirstLook, look_first
 from twin.identify.model_choice import (
     check_excited,
@@ -37,8 +37,10 @@ from twin.identify.predictor import (
     fit_five_numbers,
     predict_plainly,
 )
+from twin.identify.slow_cameras import scale_to_samples
 from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict, Predicted, score
+from twin.identify.windows import usual_step
 
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
 """Processor time of the fit of an axis in s, and the same for each second of its log."""
@@ -97,8 +99,9 @@ def identify_axes(
         }
 
     known, joined = part_and_join()
+    selection, form = scale_to_samples(min(map(usual_step, joined.values())), selection)
     say(_describe_work(joined, first.source))
-    looks = {axis: look_first(log) for axis, log in joined.items()}
+    looks = {axis: look_first(log, form) for axis, log in joined.items()}
     for axis, look in looks.items():
         if look:
             say(look.describe(axis, first.unit[axis]))
@@ -116,7 +119,7 @@ def identify_axes(
         logs = [correction.apply(log) for log in logs]
         held = held if isinstance(held, float) else [correction.apply(log) for log in held]
         known, joined = part_and_join()
-        looks = {axis: look_first(log) for axis, log in joined.items()}
+        looks = {axis: look_first(log, form) for axis, log in joined.items()}
         joined = _find_stops(joined, looks)
     notes += warned
     for axis, log in joined.items():
@@ -226,7 +229,7 @@ def _fit_axes(
             notes += plain_notes
             with suppress(LogError):
                 check_excited(log)
-                plain = fit_five_numbers(log, DELAYS_S[log.held], looks[axis])
+                plain = fit_five_numbers(log, DELAYS_S[log.held], looks[axis], selection.fitting)
                 fits[axis] = predict_plainly(plain)
                 five = describe_five_numbers(plain)
                 notes.append(f"{axis}: predictions are those of {five}")
@@ -247,7 +250,25 @@ def _fit_axes(
         f"{axis}: a prediction starts from {1000 * fit.lead_s:.0f} ms of positions in the mean"
         for axis, fit in fits.items()
     ]
+    found = [_end_at_bounds(each, held=logs[each.name[-1]].held) for each in found]
     return fits, found, reasons, notes
+
+
+def _end_at_bounds(found: ParameterVerdict, *, held: bool) -> ParameterVerdict:
+    """A verdict by a plain model whose interval ends where the quantity does.
+
+    Friction and damping are not negative, nor is the dead time of a command; a measured angle may
+    be late itself.
+
+    Args:
+        found: The verdict.
+        held: Whether the tilt is a command.
+    """
+    ends = {"friction": 0.0, "viscous": 0.0, "delay": DELAYS_S[held][0]}
+    least = ends.get(found.name.rpartition("_")[0])
+    if least is None or found.low is None or found.why not in (PLAIN_WHY, ROLLING_WHY):
+        return found
+    return replace(found, low=max(found.low, least))
 
 
 def _excludes_zero(found: ParameterVerdict) -> bool:
