@@ -32,7 +32,7 @@ def slow_log(seed, *, camera_hz=5.0, seconds=60.0, noise_m=0.002):
 
 
 def test_the_windows_of_a_usual_camera_stay_as_they_are():
-    assert scale_to_samples(0.05, AXIS_SELECTION) == (AXIS_SELECTION, WEAK_FORM)
+    assert scale_to_samples(1 / 20.5, AXIS_SELECTION) == (AXIS_SELECTION, WEAK_FORM)
 
 
 @pytest.mark.parametrize("rate", [5.0, 8.0, 10.0])

@@ -274,10 +274,10 @@ def _clean_log(
             "measured_x=NAME:mm"
         )
     seen &= np.isfinite(ball).all(axis=-1)
-    at = np.flatnonzero(seen)
-    held, period = find_held(ball[at])
-    if held.any() and "age" not in columns:
-        seen[at[held]] = False
+    rows = np.flatnonzero(seen)
+    repeats, period = find_held(ball[rows])
+    if repeats.any() and "age" not in columns:
+        seen[rows[repeats]] = False
         notes.append(
             f"the ball's position is new in one row of {period}: the rows between hold the last "
             "one, and are left out"

@@ -1,6 +1,6 @@
 """Lengths of windows for cameras so slow that the usual windows have too few samples.
 
-At 20 samples per second and more all lengths stay as they are.
+At more than 20 samples per second all lengths stay as they are.
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ class MinSamples:
         baseline: The same of a ball that stays or goes on.
         horizon_tolerance: Between a horizon and the sample that stands for it.
         plain_windows: Windows of any motion of a first look.
-        rolling_window: Windows of a ball that rolls in one direction.
-        rolling_windows: Further ones of these.
     """
 
     window: float = 20
@@ -34,8 +32,6 @@ class MinSamples:
     baseline: float = 3
     horizon_tolerance: float = 0.6
     plain_windows: tuple[float, ...] = (12, 8)
-    rolling_window: float = 8
-    rolling_windows: tuple[float, ...] = (6, 10)
 
 
 MIN_SAMPLES = MinSamples()
@@ -83,19 +79,13 @@ def scale_weak_form(
 ) -> WeakForm:
     """The constants of a first look with windows that have enough samples.
 
+    Windows of a ball that rolls in one direction stay brief: long ones have no damping, which acts
+    on a ball that rolls for long.
+
     Args:
         step_s: Usual time between two samples.
         form: The constants.
         least: Samples that the windows have at least.
     """
-
-    def longer(lengths: tuple[float, ...], counts: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(max(s, n * step_s) for s, n in zip(lengths, counts, strict=True))
-
-    (window_s,) = longer((form.window_s,), (least.rolling_window,))
-    return replace(
-        form,
-        window_s=window_s,
-        rolling_windows_s=longer(form.rolling_windows_s, least.rolling_windows),
-        plain_windows_s=longer(form.plain_windows_s, least.plain_windows),
-    )
+    pairs = zip(form.plain_windows_s, least.plain_windows, strict=True)
+    return replace(form, plain_windows_s=tuple(max(s, n * step_s) for s, n in pairs))
