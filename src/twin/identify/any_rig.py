@@ -40,6 +40,7 @@ from twin.identify.predictor import (
 from twin.identify.slow_cameras import scale_to_samples
 from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict, Predicted, score
+from twin.identify.weak_form import WeakForm
 from twin.identify.windows import usual_step
 
 PROCESSOR_S, PROCESSOR_S_PER_S = 5.0, 0.04
@@ -130,7 +131,7 @@ def identify_axes(
         else [log.axes for log in held]
     )
     fits, found, reasons, remarks_on_fits = _fit_axes(
-        joined, first.unit, looks, usual, names, selection, progress
+        joined, first.unit, looks, usual, names, selection, form, progress
     )
     found, about_offsets = tell_level_at_zero(found, offsets, first.unit)
     notes += remarks_on_fits + about_offsets
@@ -185,6 +186,7 @@ def _fit_axes(
     usual: Mapping[str, AxisFit],
     names: tuple[str, ...],
     selection: AxisSelection,
+    form: WeakForm,
     progress: Callable[[float, str], None],
 ) -> tuple[dict[str, AxisPredictor], list[ParameterVerdict], list[str], list[str]]:
     """Fit the plain model to each axis by itself.
@@ -196,6 +198,7 @@ def _fit_axes(
         usual: Fits of their usual parameters, as far as there are any.
         names: Parameters that are fitted in addition to the smooth ones.
         selection: Constants of the fit.
+        form: Constants of first looks.
         progress: Called with the share of the work done and the name of the next step.
 
     Returns:
@@ -224,7 +227,7 @@ def _fit_axes(
                 )
                 for name in (*SMOOTH_PARAMETERS, "friction")
             ]
-            verdicts, plain_notes = assess_plainly(log, axis, units[axis], unknown)
+            verdicts, plain_notes = assess_plainly(log, axis, units[axis], unknown, form)
             found += verdicts
             notes += plain_notes
             with suppress(LogError):
@@ -241,7 +244,7 @@ def _fit_axes(
         fits[axis], note = choose_predictor(fit, alone=alone, look=looks[axis])
         notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
-            verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts)
+            verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts, form)
             notes += plain_notes
         found += verdicts
         if fit.pushed:

@@ -22,6 +22,7 @@ from twin.identify.verdicts import (
     PLAIN_VERDICT,
     ParameterVerdict,
 )
+from twin.identify.weak_form import WEAK_FORM, WeakForm
 
 PLAIN_WHY = "by a plain model, whose variants its interval holds"
 """Reason of a verdict by windows of any motion."""
@@ -39,7 +40,11 @@ OPEN_WHY = "the full model leaves the gain open, and the model that shows it has
 
 
 def assess_plainly(
-    log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
+    log: AxisLog,
+    axis: str,
+    unit: str,
+    verdicts: Sequence[ParameterVerdict],
+    form: WeakForm = WEAK_FORM,
 ) -> tuple[list[ParameterVerdict], list[str]]:
     """Verdicts with those of first looks where the full model leaves the gain open.
 
@@ -55,6 +60,7 @@ def assess_plainly(
         axis: x or y.
         unit: Unit of the tilt.
         verdicts: Of the full model.
+        form: Constants of the looks.
 
     Returns:
         All verdicts, and a note on what was done.
@@ -63,8 +69,8 @@ def assess_plainly(
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
     tried = find_possible_linkages(log)
-    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, tried)
-    first, found = join_looks(rolling or look_at_any_motion(log, tried)), {}
+    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, tried, form)
+    first, found = join_looks(rolling or look_at_any_motion(log, tried, form)), {}
     if first is None:
         return list(verdicts), []
     why = PLAIN_WHY if first.plain else ROLLING_WHY
