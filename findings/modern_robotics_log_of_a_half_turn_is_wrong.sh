@@ -2,11 +2,11 @@
 # modern_robotics 1.1.1, MatrixLog3 (and MatrixLog6, which calls it); scipy 1.17.1 for comparison.
 # Guess: the logarithm of a rotation matrix turns by the matrix, to within 1e-7 or so, also next to a half turn, for
 #   which it has a case of its own.
-# Seen: that case is taken only if rounding puts the trace at or below -1. Of 1000 half turns about random axes, 126 to
-#   130 come back as another rotation, off by up to 180 degrees, most as no rotation at all. Short of a half turn by
-#   1e-6 rad the result is off by up to 1e-3 rad, by 1e-7 rad up to 0.1 rad. No warning. So inverse kinematics and
-#   Cartesian trajectories that turn a tool around fail for one axis and work for the next.
-# Do: scipy's Rotation.from_matrix(R).as_rotvec(), which is exact to 1e-7 for all of them.
+# Seen: that case is taken only if rounding puts the trace at or below -1. Of 1000 half turns about random axes, 128
+#   come back as another rotation, off by up to 180 degrees. Short of a half turn by 1e-6 rad the result is off by up
+#   to 1e-3 rad, by 1e-7 rad up to 0.1 rad. No warning. So a path that turns a tool around is wrong for one axis and
+#   right for the next.
+# Do: scipy's Rotation.from_matrix(R).as_rotvec(), which is right for all of them.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
