@@ -216,7 +216,8 @@ class Job(NamedTuple):
 
 def known(job: Job) -> list[dict[str, Any]]:
     """What is said of the rigs of a job: as kept, or tried and then kept."""
-    room = sorted(Path(str(files("twin.shadow"))).rglob("*.py"))
+    folder = Path(str(files("twin.shadow")))
+    room = sorted([*folder.rglob("*.py"), *folder.rglob("*.toml")])
     sources = [Path(__file__), HERE / "shadow.toml", *room]
     how = " ".join(each.read_text(encoding="utf-8") for each in sources)
     key = digest(f"{code()} {how} {job!r}")

@@ -20,8 +20,8 @@ from twin.identify.windows import Windows
 from twin.shadow.alarms import Before
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, CAUSE_SIZES, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
+    GAP_WIDTHS,
     NO_EVIDENCE,
-    PLAY_WIDTHS_RAD,
     Evidence,
     ball_evidence,
     log_evidence,
@@ -88,8 +88,7 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     """
     at = {p: float(moved[WATCHED_PARAMETERS.index(p)]) for p in CAUSE_SIZES[name]}
     if name == "lost motion":
-        gap = sum(share * width for share, width in zip(at.values(), PLAY_WIDTHS_RAD, strict=True))
-        return f"{np.degrees(gap):+.2f} deg"
+        return f"{np.degrees(moved @ GAP_WIDTHS):+.2f} deg"
     parts = []
     absent = LEVELS[belief.scenario.plant.axes :]
     for parameter, value in at.items():
@@ -104,15 +103,19 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     return ", ".join(parts)
 
 
-def one_sided(belief: Belief) -> list[str]:
-    """Parameters that can only have grown, since they are believed to be at their least."""
+def one_sided(belief: Belief) -> dict[str, Array]:
+    """Causes that can only have made something grow, since it is believed to be at its least.
+
+    Returns:
+        What grows with each watched parameter, shape (P,), by the name of the cause.
+    """
+    unit = dict(zip(WATCHED_PARAMETERS, np.eye(len(WATCHED_PARAMETERS)), strict=True))
     least = {
-        "breakaway": belief.values["breakaway"] <= 1,
-        "lag": belief.lag <= 0,
-        "narrow_play": belief.play <= 0,
-        "wide_play": belief.play <= 0,
+        "breakaway": (belief.values["breakaway"] <= 1, unit["breakaway"]),
+        "servo lag": (belief.lag <= 0, unit["lag"]),
+        "lost motion": (belief.play <= 0, GAP_WIDTHS),
     }
-    return [name for name, there in least.items() if there]
+    return {name: way for name, (there, way) in least.items() if there}
 
 
 MOTION_CAUSES = tuple(
@@ -173,11 +176,9 @@ class _Hypothesis:
         mean = before.mean - self.at
         total = height + float(log_evidence(A, b, self.prior, mean))
         middle, covariance = posterior(A, b, self.prior, mean)
-        for name in one_sided(belief):
-            k = WATCHED_PARAMETERS.index(name)
-            if name in CAUSE_SIZES[self.name]:
-                grown = (self.at + middle - before.mean)[k] / np.sqrt(max(covariance[k, k], 1e-24))
-                total += float(np.log(2) + log_ndtr(grown))
+        if (way := one_sided(belief).get(self.name)) is not None:
+            std = np.sqrt(max(way @ covariance @ way, 1e-24))
+            total += float(np.log(2) + log_ndtr(way @ (self.at + middle - before.mean) / std))
         return total
 
 

@@ -39,7 +39,13 @@ from twin.identify.windows import (
     unknown_motion,
 )
 from twin.run.plants import parts_of
-from twin.shadow.belief import BALL_BELIEFS, DRIVE_BELIEFS, WATCHED_PARAMETERS, Belief
+from twin.shadow.belief import (
+    BALL_BELIEFS,
+    DRIVE_BELIEFS,
+    PLAY_BELIEFS,
+    WATCHED_PARAMETERS,
+    Belief,
+)
 from twin.sim.calibration import MECHANISM_STATES, linear_mechanism
 from twin.sim.drives import DriveModel
 
@@ -385,8 +391,13 @@ tells nothing: the readings then stay on a few counts."""
 MAX_LINEAR_TILT_RAD = np.radians(5.0)
 """Tilt in rad up to which the mechanism is linear to within what the transmission may differ by
 from window to window: tilt^2 / 2 is below 0.004."""
-PLAY_WIDTHS_RAD = (np.radians(0.05), np.radians(0.2))
-"""Widths in rad of a narrow and of a wide gap."""
+PLAY_WIDTHS_RAD = np.radians((0.01, 0.05, 0.2))
+"""Widths in rad of a narrow, a middle and a wide gap: what a plate behind a gap does at a reversal
+is not linear in the gap's width, so each size of a change has a slope of its own. The narrow one is
+twice the standard deviation of an identified gap."""
+GAP_WIDTHS = np.zeros(len(WATCHED_PARAMETERS))
+"""The same of each watched parameter, 0 of those that are no gap, shape (P,)."""
+GAP_WIDTHS[[WATCHED_PARAMETERS.index(name) for name in PLAY_BELIEFS]] = PLAY_WIDTHS_RAD
 
 
 def plate_evidence(
@@ -410,16 +421,9 @@ def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> 
     count = (len(segment.time) - skipped) // rows
     if count < 1 or segment.command is None:
         return NO_EVIDENCE
-    angle, late, *wider = plate_angles(
-        segment.command,
-        period,
-        belief,
-        (belief.lag, belief.play),
-        (belief.lag + LAG_DIFFERENCE, belief.play),
-        *((belief.lag, belief.play + gap) for gap in PLAY_WIDTHS_RAD),
-    )
-    slopes = ((late - angle) / LAG_DIFFERENCE, *(each - angle for each in wider), angle)
-    information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
+    angle, *slopes = plate_slopes(segment.command, period, belief)
+    size = len(DRIVE_BELIEFS)
+    information, score = np.zeros((count, size, size)), np.zeros((count, size))
     tilted = np.abs(segment.plate[skipped : skipped + count * rows]).reshape(count, -1).max(axis=1)
     for axis in (0, 1):
         both = np.stack((segment.plate - angle, *slopes))[..., axis]
@@ -428,13 +432,40 @@ def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> 
         moved = np.ptp(segment.plate[used, axis].reshape(count, rows), axis=1)
         counted = moved > MIN_PLATE_RANGE_STDS * np.sqrt(belief.encoders[axis])
         counted &= tilted < MAX_LINEAR_TILT_RAD
-        e, J = white[0].reshape(count, rows), white[1:].reshape(4, count, rows)  # noqa: N806
+        e, J = white[0].reshape(count, rows), white[1:].reshape(size, count, rows)  # noqa: N806
         J = J * counted[:, None]  # noqa: N806
         information += np.einsum("iwk,jwk->wij", J, J) / INNOVATIONS_PER_SAMPLE
         score += np.einsum("iwk,wk->wi", J, e) / INNOVATIONS_PER_SAMPLE
     begin = segment.time[skipped] + PLATE_WINDOW_S * np.arange(count)
     spans = np.stack((begin, begin + PLATE_WINDOW_S), axis=-1)
     return Evidence.of(DRIVE_BELIEFS, spans, information, score)
+
+
+def plate_slopes(command: Array, period: float, belief: Belief) -> list[Array]:
+    """The plate's angles, and their slopes by ``DRIVE_BELIEFS``, shape (K, 2) each.
+
+    A gap may be narrower than believed as well as wider: the slope by the narrow one is taken
+    across what is believed, those by the others from there on.
+
+    Args:
+        command: Plate rates in rad/s from each row on, shape (K, 2).
+        period: Seconds between rows.
+        belief: The twin.
+    """
+    lag, play, narrow = belief.lag, belief.play, PLAY_WIDTHS_RAD[0]
+    least = max(0.0, play - narrow / 2)
+    angle, late, less, *more = plate_angles(
+        command,
+        period,
+        belief,
+        (lag, play),
+        (lag + LAG_DIFFERENCE, play),
+        (lag, least),
+        (lag, least + narrow),
+        *((lag, play + gap) for gap in PLAY_WIDTHS_RAD[1:]),
+    )
+    by_play = [more[0] - less, *(each - angle for each in more[1:])]
+    return [angle, (late - angle) / LAG_DIFFERENCE, *by_play, angle]
 
 
 def whiten(signals: Array, period: float, disturbance: float, encoder: float) -> Array:
