@@ -32,8 +32,8 @@ from twin.sim.transmission import TransmissionError
 
 BALL_BELIEFS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
-PLAY_BELIEFS = ("narrow_play", "middle_play", "wide_play")
-"""Shares of lost motion as gaps of ``PLAY_WIDTHS_RAD`` would make it."""
+PLAY_BELIEFS = ("less_play", "narrow_play", "middle_play", "wide_play")
+"""Shares of lost motion as changes of the gap by ``PLAY_STEPS_RAD`` would make it."""
 DRIVE_BELIEFS = ("lag", *PLAY_BELIEFS, "transmission")
 """Parameters that the plate's motion shows: time constant in s, lost motion, and how much farther
 than commanded the plate turns."""

@@ -391,13 +391,13 @@ tells nothing: the readings then stay on a few counts."""
 MAX_LINEAR_TILT_RAD = np.radians(5.0)
 """Tilt in rad up to which the mechanism is linear to within what the transmission may differ by
 from window to window: tilt^2 / 2 is below 0.004."""
-PLAY_WIDTHS_RAD = np.radians((0.01, 0.05, 0.2))
-"""Widths in rad of a narrow, a middle and a wide gap: what a plate behind a gap does at a reversal
-is not linear in the gap's width, so each size of a change has a slope of its own. The narrow one is
-twice the standard deviation of an identified gap."""
+PLAY_STEPS_RAD = np.radians((-0.01, 0.01, 0.05, 0.2))
+"""Steps of the differences by the gap's width, rad: what a plate behind a gap does at a reversal is
+not linear in the width, so a gap that is narrower, and each size of a wider one, has a slope of its
+own. The least are twice the standard deviation of an identified gap."""
 GAP_WIDTHS = np.zeros(len(WATCHED_PARAMETERS))
-"""The same of each watched parameter, 0 of those that are no gap, shape (P,)."""
-GAP_WIDTHS[[WATCHED_PARAMETERS.index(name) for name in PLAY_BELIEFS]] = PLAY_WIDTHS_RAD
+"""Width in rad of the gap that 1 of each watched parameter is, shape (P,)."""
+GAP_WIDTHS[[WATCHED_PARAMETERS.index(name) for name in PLAY_BELIEFS]] = np.abs(PLAY_STEPS_RAD)
 
 
 def plate_evidence(
@@ -444,27 +444,23 @@ def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> 
 def plate_slopes(command: Array, period: float, belief: Belief) -> list[Array]:
     """The plate's angles, and their slopes by ``DRIVE_BELIEFS``, shape (K, 2) each.
 
-    A gap may be narrower than believed as well as wider: the slope by the narrow one is taken
-    across what is believed, those by the others from there on.
+    No gap is narrower than none: where there is no play, there is no slope to less of it.
 
     Args:
         command: Plate rates in rad/s from each row on, shape (K, 2).
         period: Seconds between rows.
         belief: The twin.
     """
-    lag, play, narrow = belief.lag, belief.play, PLAY_WIDTHS_RAD[0]
-    least = max(0.0, play - narrow / 2)
-    angle, late, less, *more = plate_angles(
+    lag, play = belief.lag, belief.play
+    angle, late, *others = plate_angles(
         command,
         period,
         belief,
         (lag, play),
         (lag + LAG_DIFFERENCE, play),
-        (lag, least),
-        (lag, least + narrow),
-        *((lag, play + gap) for gap in PLAY_WIDTHS_RAD[1:]),
+        *((lag, max(0.0, play + step)) for step in PLAY_STEPS_RAD),
     )
-    by_play = [more[0] - less, *(each - angle for each in more[1:])]
+    by_play = np.sign(PLAY_STEPS_RAD)[:, None, None] * (np.array(others) - angle)
     return [angle, (late - angle) / LAG_DIFFERENCE, *by_play, angle]
 
 
