@@ -18,7 +18,7 @@ from twin.cli.understand import shadow as command
 from twin.identify.logs import MECHANISM_LAG, of_columns, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.alarms import CHANGE_TEST, Before
+from twin.shadow.alarms import CHANGE_TEST, Before, statistic
 from twin.shadow.belief import (
     WATCHED_PARAMETERS,
     Belief,
@@ -32,6 +32,7 @@ from twin.shadow.evidence import (
     NO_EVIDENCE,
     Evidence,
     log_evidence,
+    log_possible,
     posterior,
     whiten,
 )
@@ -157,6 +158,28 @@ def test_log_evidence_is_the_integral_over_the_prior():
     mean, covariance = posterior(*args)
     assert mean[0] == pytest.approx((b + m / V) / (A + 1 / V))
     assert covariance[0, 0] == pytest.approx(1 / (A + 1 / V))
+
+
+@pytest.mark.parametrize("m", [-0.6, 0.3])
+def test_what_cannot_be_is_left_out_of_the_integral_over_the_prior(m):
+    A, b, V, least = 7.0, -9.0, 0.4, -0.2
+    d = np.linspace(min(least, m), 8, 400_001)
+    prior = np.exp(-((d - m) ** 2) / (2 * V))
+    rest = np.trapezoid(np.exp(b * d - A * d**2 / 2) * prior, d) / np.trapezoid(prior, d)
+    one = np.ones((1, 1))
+    args = (A * one, b * one[0], V * one, m * one[0])
+    found = log_evidence(*args) + log_possible(*args, one[0], least)
+    assert found == pytest.approx(math.log(rest), abs=1e-7)
+
+
+@pytest.mark.parametrize(("change", "alarm"), [(-1.8, False), (1.8, True)])
+def test_less_breakaway_than_none_is_no_alarm(change, alarm):
+    log = SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,))
+    belief = Belief.of(load("excite", ["plant.friction.breakaway_ratio=1.05"]), log)
+    spans = np.stack((np.arange(30.0), np.arange(1.0, 31.0)), axis=-1)
+    A, off = np.full((30, 1, 1), 30.0), np.where(np.arange(30) >= 20, change, 0.0)
+    windows = Evidence.of(("breakaway",), spans, A, A[:, 0] * off[:, None])
+    assert (statistic(windows, belief).max() > CHANGE_TEST.threshold_llr) == alarm
 
 
 def test_innovations_of_a_disturbed_angle_seen_by_encoders_are_white_with_variance_one():

@@ -11,13 +11,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.parameters import LEVELS
 from twin.identify.windows import Windows
-from twin.shadow.alarms import Before
+from twin.shadow.alarms import Before, limits_of
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, CAUSE_SIZES, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
     GAP_WIDTHS,
@@ -25,6 +24,7 @@ from twin.shadow.evidence import (
     Evidence,
     ball_evidence,
     log_evidence,
+    log_possible,
     posterior,
 )
 
@@ -103,21 +103,6 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     return ", ".join(parts)
 
 
-def one_sided(belief: Belief) -> dict[str, Array]:
-    """Causes that can only have made something grow, since it is believed to be at its least.
-
-    Returns:
-        What grows with each watched parameter, shape (P,), by the name of the cause.
-    """
-    unit = dict(zip(WATCHED_PARAMETERS, np.eye(len(WATCHED_PARAMETERS)), strict=True))
-    least = {
-        "breakaway": (belief.values["breakaway"] <= 1, unit["breakaway"]),
-        "servo lag": (belief.lag <= 0, unit["lag"]),
-        "lost motion": (belief.play <= 0, GAP_WIDTHS),
-    }
-    return {name: way for name, (there, way) in least.items() if there}
-
-
 MOTION_CAUSES = tuple(
     name for name, sizes in CAUSE_SIZES.items() if set(sizes) <= set(BALL_BELIEFS)
 )
@@ -175,10 +160,10 @@ class _Hypothesis:
         A, b, height = self.sums()  # noqa: N806
         mean = before.mean - self.at
         total = height + float(log_evidence(A, b, self.prior, mean))
-        middle, covariance = posterior(A, b, self.prior, mean)
-        if (way := one_sided(belief).get(self.name)) is not None:
-            std = np.sqrt(max(way @ covariance @ way, 1e-24))
-            total += float(np.log(2) + log_ndtr(way @ (self.at + middle - before.mean) / std))
+        if self.name in (limits := limits_of(belief)):
+            way, least = limits[self.name]
+            least -= float(way @ self.at)
+            total += float(log_possible(A, b, self.prior, mean, way, least))
         return total
 
 

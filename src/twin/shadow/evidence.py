@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter, ss2tf
+from scipy.special import log_ndtr
 
 from controllers.arrays import Array, Mask
 from twin.base.settings import from_scenarios
@@ -181,6 +182,36 @@ def posterior(
     # V (I + A V)^-1, symmetric
     covariance = np.swapaxes(np.linalg.solve(np.swapaxes(AV, -1, -2), prior), -1, -2)
     return m + _times(covariance, score - _times(information, m)), covariance
+
+
+def log_possible(
+    information: Array,
+    score: Array,
+    prior: Array,
+    mean: Array,
+    way: Array,
+    least: float,
+) -> Array:
+    """What a prior without its impossible part adds to ``log_evidence``, shape (...).
+
+    The logarithm of the share of the posterior in which way'd is at least so much, over that of the
+    prior. A mean that is less itself is possible.
+
+    Args:
+        information: A, shape (..., P, P).
+        score: b, shape (..., P).
+        prior: V, shape (..., P, P).
+        mean: m, shape (..., P).
+        way: What cannot be less, of each parameter, shape (P,).
+        least: The least it can be.
+    """
+    middle, covariance = posterior(information, score, prior, mean)
+    end = np.minimum(least, mean @ way)
+    shares = [
+        log_ndtr((at @ way - end) / np.sqrt(np.maximum(way @ spread @ way, 1e-24)))
+        for at, spread in ((middle, covariance), (mean, prior))
+    ]
+    return np.asarray(shares[0] - shares[1])
 
 
 def _times(matrix: Array, vector: Array) -> Array:
