@@ -125,6 +125,9 @@ def test_every_command_that_a_page_shows_can_be_typed(ballplate, own_laws, tmp_p
     assert ballplate("lab", "new", "hold_it")[0] == 0
     shutil.copytree(ROOT / "examples" / "board", tmp_path / "examples" / "board")
     (tmp_path / "controller.elf").touch()
+    for rig in ("FILE", "runs/identify-mine/parameters.toml"):
+        (tmp_path / rig).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / rig).touch()
     for page in PAGES:
         for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
             try:

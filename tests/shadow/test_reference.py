@@ -209,7 +209,7 @@ MISTAKES = {
     "shadow a.csv b.csv": "b.csv: several logs need --reference LOG0",
     "shadow a.csv one/a.csv --reference b.csv": "one/a.csv: two logs have the same name",
     "shadow a.csv --reference b.csv --learn": "--learn: not allowed with --reference",
-    "shadow a.csv --reference no.csv": "log no.csv: not found",
+    "shadow a.csv --reference no.csv": "--reference: log no.csv: not found",
 }
 
 
@@ -271,7 +271,7 @@ EARLY_MISTAKES = {
     f"{COLUMNS}:furlong": "--columns: measured_phi: unit 'furlong'; known",
     "--columns time=t,measured_x=X,measured_phi=q": "first.csv: measured_phi: no column q",
     f"broken.csv {COLUMNS}": "broken.csv: measured_x: no column X",
-    f"{COLUMNS} --on nowhere": "rig 'nowhere': not found",
+    f"{COLUMNS} --on nowhere": "--on: rig 'nowhere': not found",
     f"{COLUMNS} --set plant.nonsense=1": "the twin: plant.nonsense: unknown key",
 }
 

@@ -250,13 +250,17 @@ def test_the_page_of_references_counts_alarms_before_and_after_a_later_change():
 
 def test_dead_times_are_calibrated_for_the_same_and_for_another_motion():
     rng = np.random.default_rng(4)
-    rows = [compared(0, HEALTHY, ("delay", change, 1.0)) for change in rng.standard_normal(2000)]
-    for row in rows[::2]:
-        (found,) = row["differences"]
-        found["same_motion"], found["change"] = True, 0.002 + 2 * found["change"]
+    # only fits of unlike errors tell their scale from what differs between logs
+    stds = rng.choice([0.1, 1.0, 10.0], 8000)
+    changes = stds * rng.standard_normal(len(stds))
+    changes[::2] *= 2
+    rows = [
+        compared(0, HEALTHY, ("delay", change, std), same=k % 2 == 0)
+        for k, (change, std) in enumerate(zip(changes, stds, strict=True))
+    ]
     same, other = (references.fit_chance(rows, "delay", same_motion=each) for each in (True, False))
-    assert same[0] == pytest.approx(2.0, rel=0.05)
-    assert other[0] == pytest.approx(1.0, rel=0.05)
+    assert same == pytest.approx((2.0, 0.0), abs=0.1)  # 4.5 standard deviations
+    assert other == pytest.approx((1.0, 0.0), abs=0.1)
 
 
 def test_a_later_change_is_one_of_the_scenario_and_no_other_of_its_settings():
