@@ -21,7 +21,7 @@ from ballplate.evidence import Attach, stream_record, trace_file, write_trace
 from ballplate.rehearsing import rehearse
 from ballplate.reporter import Reporter, default, writable
 from ballplate.rig_access import open_rig, plan_faults_of_run, rig_label, tell_timing
-from twin.base.errors import LawError
+from twin.base.errors import LawError, naming
 from twin.base.shipped import find
 from twin.base.writing import written_alone
 from twin.run.files import free
@@ -93,8 +93,7 @@ def run(
     """
     report = reporter or default()
     others = [beside] if isinstance(beside, str | Path) else beside
-    for each in (scenario, *others):
-        find(str(each))  # a wrong name is reported before anything heavy is imported
+    _check_names(scenario, others, report)
     changed = changes_of(settings, changes)
     chosen = scenario_of(scenario, changed)
     planned = plan_faults_of_run(on, chosen, faults, report)  # a wrong name, too
@@ -191,6 +190,18 @@ def _run_others(
     for name, its in further.items():
         with suppress(KeyboardInterrupt):
             result.beside[name] = Result.from_run(one_run(its, name, reporter), name)
+
+
+def _check_names(scenario: str | Path, others: Sequence[str | Path], reporter: Reporter) -> None:
+    """Check names of scenarios before anything heavy is imported.
+
+    Raises:
+        ScenarioError: If one is none; of the others it names the argument.
+    """
+    find(str(scenario))
+    with naming(reporter.name_of("beside")):
+        for each in others:
+            find(str(each))
 
 
 @contextmanager

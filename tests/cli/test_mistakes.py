@@ -101,6 +101,37 @@ LINES = {
     "identify runs/excite": "runs/excite is not there yet; first: ballplate run excite",
     "report foreign.parquet": "not a record of ballplate",
     "report log.csv": "a log, not a run; ballplate compare log.csv SCENARIO",
+    "export scope.log a.csv": "a log, not a run; ballplate compare scope.log SCENARIO, with --col",
+    "view scope.log log.csv": "scope.log: not a run",
+    "report scope.mat": "a log, not a run; ballplate compare scope.mat SCENARIO",
+    "whatif scope.log --at 0.1": "give --scenario NAME",
+    "export plain out.csv": "plain: not a run, which is a folder with run.parquet, or this file",
+    "report made --out /proc/no/a": "--out /proc/no/a: cannot be written",
+    "report made --out mine": "--out mine: is a folder",
+    "view made --rrd /proc/no.rrd": "--rrd /proc/no.rrd: cannot be written",
+    "export made /proc/no.csv": "FILE /proc/no.csv: cannot be written",
+    "export circle /proc/no.fmu": "FILE /proc/no.fmu: cannot be written",
+    "run circle --rig emulated --trace /proc/no.log": "--trace /proc/no.log: cannot be written",
+    "calibrate cams --out /proc/no.json": "--out /proc/no.json: cannot be written",
+    "trace scope.log --log /proc/no.csv": "--log /proc/no.csv: cannot be written",
+    "whatif made --at 0.05 --out /proc/no": "--out /proc/no: cannot be written",
+    "lab grade signs . --out /proc/no.csv": "--out /proc/no.csv: cannot be written",
+    "lab grade signs . --out mine": "--out mine: is a folder; give a file",
+    "bench verify nope": "nope: no finished entry: no such folder; ballplate bench run writes one",
+    "bench table mine": "mine: no finished entry: it has no scores.json",
+    "run circle --on nope": "--on: rig 'nope': not found (known:",
+    "play hold --on tubbe": "--on: rig 'tubbe': not found; did you mean 'tube'?",
+    "run circle --on nope.toml": "--on: rig 'nope.toml': not found",
+    "identify log.csv --on nope": "--on: rig 'nope': not found",
+    "whatif log.csv --at 0.1 --on nope": "--on: rig 'nope': not found",
+    "whatif log.csv --at 0.1 --scenario nope": "--scenario: scenario 'nope': not found",
+    "identify --plan --scenario sine --scenario nope": "--scenario: scenario 'nope': not found",
+    "doctor --scenario nope": "--scenario: scenario 'nope': not found",
+    "run circle --beside nope": "--beside: scenario 'nope': not found",
+    "export made a.webp --beside nope": "--beside: nope: no such run folder",
+    "shadow log.csv --reference nope": "--reference: log nope: not found",
+    "lab new mine2 --like nope": "--like: lab 'nope': not found",
+    "lab grade signs . --class nope": "--class: nope: cannot be read",
     "report": "no run in runs/ yet",
     "report round": "round: not a readable Parquet file",
     "identify german.csv": "columns are separated by ';'",
@@ -151,7 +182,7 @@ LINES = {
     "run circle --set abc": "ballplate: --set 'abc': write key=value",
     "whatif made --at 0.05 --set abc": "ballplate: --set 'abc': write key=value",
     "whatif made --at 0.05 --branch seed=1;abc": "ballplate: --branch 'abc': write key=value",
-    "run circle --on=-5": "ballplate: rig '-5': not found",
+    "run circle --on=-5": "ballplate: --on: rig '-5': not found",
     "run circle --board nope": "ballplate: --board: must be cortex-m4, host or the file of a",
     "export made film.webp --fps 0": "ballplate: --fps 0: must be from 1 to 50",
     "export made film.webp --size 1": "ballplate: --size 1: must be from 300 to 1200",
@@ -160,10 +191,10 @@ LINES = {
     "identify made --ball-height 0.1": "--ball-height: needs --columns; a run states its rig",
     "run circle --rig emulated --fault 3": "write 'SECONDS LINE', as in '3.0 unplug'",
     "tune pid --set nonsense=1": "ballplate: circle.toml: nonsense: unknown key",
-    "tune pid --on nope": "ballplate: rig 'nope': not found",
+    "tune pid --on nope": "ballplate: --on: rig 'nope': not found",
     "lab check signs log.csv --as junit": "--as junit: needs --out",
     "lab check signs log.csv --out mine": "--out mine: is a folder; give a file",
-    "lab check signs log.csv --page a_file/page.html": "--page a_file: cannot be written: a file",
+    "lab check signs log.csv --page a_file/page.html": "--page a_file/page.html: cannot be written",
     "lab grade signs mine --out marks.pdf": "--out marks.pdf: must end in .csv",
     "lab pack signs --for gradescope --out a.tar": "--out a.tar: must end in .zip",
     "doctor --rig rig.toml --ball": "--ball: tilts the plate until the ball rolls; it needs --move",
@@ -191,6 +222,9 @@ def folder(tmp_path_factory):
     for name, text in FILES.items():
         (place / name).write_text(text)
     (place / "round").symlink_to("round")
+    (place / "scope.log").write_text("time;x;y\n0;1;2\n0.1;2;3\n")
+    (place / "plain").write_text("time x y\n0 1 2\n")
+    (place / "scope.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(128))
     (place / "mine").mkdir()
     (place / "mine" / "notes.txt").write_text("of somebody")
     keys = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")
@@ -260,7 +294,7 @@ def test_an_error_in_a_law_of_one_s_own_is_one_line_with_its_place(ballplate, tm
     ("typed", "words"),
     [
         (("--out", "."), "--out .: is a folder; give a file"),
-        (("--out", "/proc/none/sheet.csv"), "--out /proc/none: cannot be written"),
+        (("--out", "/proc/none/sheet.csv"), "--out /proc/none/sheet.csv: cannot be written"),
         (
             ("--list", "--out", "sheet.csv"),
             "--out: not allowed with --list, which injects no fault",

@@ -65,8 +65,14 @@ DONE = (
 )
 MISTAKES = (
     "rn", "run cirle", "compare cirle", "explain cirle", "analyse cirle", "emulate cirle",
+    "emulate --bus no",
     "doctor --scenario cirle", "study no", "tune no", "fit no", "sweep no duration=1:2:2",
     "play no", "identify no", "shadow no", "whatif no --at 1", "calibrate level no",
+    "report --out /proc/no/a", "view --rrd /proc/no.rrd",
+    "run circle --rig emulated --trace /proc/no", "calibrate cams --out /proc/no",
+    "calibrate touch --out /proc/no", "safety --out /proc/no",
+    "trace no --out /proc/no", "trace no --log /proc/no", "emulate --write /proc/no",
+    "export circle /proc/no.fmu", "export circle /proc/no.c", "bench verify no", "bench table no",
 )  # fmt: skip
 
 
@@ -75,6 +81,19 @@ def test_help_lists_and_mistakes_need_no_numerical_library_whatever_the_command(
     assert ended == len(DONE) * [0] + len(MISTAKES) * [2]
     assert not imported & HEAVY
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("unopened", ["safety --list", "emulate --bus no"])
+def test_a_command_that_opens_no_bus_loads_no_python_can(tmp_path, unopened):
+    """python-can loads asammdf where that is installed, which takes seconds."""
+    _, imported = modules(tmp_path, COMMAND, *unopened.split())
+    assert not imported & {"can", "canopen", "asammdf"}
+
+
+def test_an_emulated_bus_on_a_port_of_its_own_needs_no_python_can(tmp_path):
+    program = "from twin.emulator.virtual_bus import VirtualBus; VirtualBus([])"
+    _, imported = modules(tmp_path, program)
+    assert "can" not in imported
 
 
 OFFERED = """

@@ -12,7 +12,8 @@ from stepped_canopen import TURN, read_eds
 
 from twin.base.errors import RigError
 from twin.base.jobs import wait_until
-from twin.emulator.bus_port import BusName, open_bus, parse_bus
+from twin.emulator.bus_name import BusName
+from twin.emulator.bus_port import open_bus
 from twin.emulator.drive_objects import Frame
 from twin.emulator.load import InertiaLoad
 from twin.emulator.profile_drive import ProfileDrive
@@ -21,37 +22,6 @@ from twin.emulator.virtual_bus import VirtualBus
 NODE = 7
 GROUP, PORT = "239.74.163.2", 20000 + os.getpid() % 40000
 """A multicast group with a port of this process, as others may run these tests here, too."""
-
-
-@pytest.mark.parametrize(
-    ("text", "name"),
-    [
-        ("vcan0", ("socketcan", "vcan0")),
-        ("can1", ("socketcan", "can1")),
-        ("udp_multicast", ("udp_multicast", "")),
-        ("udp_multicast:ff15::1", ("udp_multicast", "ff15::1")),
-        ("udp_multicast:239.1.2.3@43000", ("udp_multicast", "239.1.2.3", 43000)),
-        ("slcan:/dev/ttyACM0", ("slcan", "/dev/ttyACM0")),
-    ],
-)
-def test_a_bus_has_a_name(text, name):
-    assert parse_bus(text) == BusName(*name)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("socketcam:can0", "did you mean 'socketcan'"),
-        ("", "unknown CAN interface"),
-        ("udp_multicast:10.0.0.1", "not an IP multicast address"),
-        ("udp_multicast:here", "not an IP multicast address"),
-        ("udp_multicast:239.1.2.3@80", "port must be 1024 to 65535"),
-    ],
-)
-def test_a_bus_that_cannot_be_is_refused_in_one_line(text, words):
-    with pytest.raises(RigError, match=words) as caught:
-        parse_bus(text)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_port_that_is_not_there_is_refused_in_one_line():

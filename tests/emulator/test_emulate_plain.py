@@ -17,7 +17,7 @@ from twin.base.errors import TwinError
 from twin.base.jobs import wait_until
 from twin.cli.rig import emulate
 from twin.devices.akd.eds import read_data_sheet
-from twin.emulator.bus_port import BusName
+from twin.emulator.bus_name import BusName
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.load import ShaftLoad

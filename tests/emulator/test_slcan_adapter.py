@@ -19,7 +19,8 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator import can_bus
-from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, message, nothing
+from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, nothing
+from twin.emulator.direct_bus import message
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
 from twin.emulator.power_stage import Power

@@ -18,22 +18,24 @@ from twin.cli.understand import identify as command
 from twin.identify import drive_effects
 from twin.identify.any_logs import read_any
 from twin.identify.any_rig import (
-    AxisIdentification,
-    _assess_axis,
     _describe_gain,
-    _select_model,
+    _end_at_bounds,
     identify_axes,
     join_logs,
 )
 from twin.identify.axis_fitting import AXIS_FITTING
+from twin.identify.axis_identification import AxisIdentification
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.axis_prediction import predict_axis, prediction_times, refit_for_prediction
 from twin.identify.axis_problem import AxisProblem
+from twin.identify.axis_verdicts import assess_axis
 from twin.identify.balls import ball_factor
 from twin.identify.command_model import TiltHistory, apply_play, drive_path
 from twin.identify.drive_effects import profile, profile_drives
+from twin.identify.fallback import PLAIN_WHY
 from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
 from twin.identify.log_columns import unit_factor, wanted_columns
+from twin.identify.model_choice import select_model
 from twin.identify.parameters import PLAIN_PARAMETERS, plain_parameter
 from twin.identify.plain_model import AxisFit, fit_axis
 from twin.identify.profiles import Profile
@@ -43,6 +45,7 @@ from twin.identify.verdicts import (
     HOLD_OUT,
     IDENTIFIED_VERDICT,
     NOT_IDENTIFIABLE,
+    PLAIN_VERDICT,
     ParameterVerdict,
     score,
 )
@@ -509,8 +512,8 @@ def test_play_and_dead_band_are_told_apart_over_twelve_rigs(axis_of, name, other
 def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, about):
     truth = {**TRUTH, "camber": 0.0, **about}
     names = ("friction", "camber") if "camber" in about else ("friction",)
-    fit, _ = _select_model(axis_of(3, rate=rate, seconds=50, **about), names)
-    found = {each.name[:-2]: each for each in _assess_axis(fit, "x", "rad")}
+    fit, _ = select_model(axis_of(3, rate=rate, seconds=50, **about), names)
+    found = {each.name[:-2]: each for each in assess_axis(fit, "x", "rad")}
     for name in ("gain", "level", *names):
         each = found[name]
         assert each.word == IDENTIFIED_VERDICT
@@ -791,6 +794,30 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     assert any("no factor on the command is advised" in each for each in sentences(found))
 
 
+@pytest.mark.parametrize(
+    ("name", "held", "least"),
+    [
+        ("friction_x", True, 0.0),
+        ("viscous_y", True, 0.0),
+        ("delay_x", True, 0.0),
+        ("delay_x", False, -0.1),
+        ("level_x", True, -0.5),
+        ("gain_x", False, -0.5),
+    ],
+)
+def test_an_interval_of_a_plain_model_ends_where_its_quantity_does(name, held, least):
+    about = plain_parameter(name[:-2], "rad", held=held)
+    verdict = ParameterVerdict(
+        about=about, name=name, value=0.05, low=-0.5, high=0.6, word=PLAIN_VERDICT, why=PLAIN_WHY
+    )
+    assert _end_at_bounds(verdict, held=held) == replace(verdict, low=least)
+    # the full model has its own bounds, as of clocks that differ; what is inside stays
+    for other in (replace(verdict, why="its interval is wide"), replace(verdict, low=0.01)):
+        assert _end_at_bounds(other, held=held) == other
+    unknown = ParameterVerdict.unknown(about, name, "not seen")
+    assert _end_at_bounds(unknown, held=held) == unknown
+
+
 def gain_of(word, value, low, high):
     return ParameterVerdict(
         about=PLAIN_PARAMETERS["gain"], name="gain_x", value=value, low=low, high=high, word=word
@@ -972,7 +999,9 @@ def test_a_ball_beyond_the_plate_on_one_side_of_zero_is_told_of_the_zero(middle,
     own = AxisLog(time, 0 * time, True, time, middle + swing * np.sin(4 * time))
     with pytest.raises(LogError, match="the plate ends at") as refused:
         AnyLog("tube.csv", {"x": own}, {"x": "rad"}, ()).on(load("line", ("parameters=tube",)))
-    asked = f"its zero is not the plate's middle: it moves about {middle:.2g} m"
+    asked = (
+        f"it moves about {middle:.2g} m; state the column's number in the middle of the plate, as"
+    )
     assert (asked in str(refused.value)) is said
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from docs.identify_errors import Rig, draw_rig, simulate_log, simulate_turned
-from twin.identify import any_rig
+from twin.identify import model_choice
 from twin.identify.any_rig import identify_axes, join_logs
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.corrections import (
@@ -186,7 +186,7 @@ def test_a_log_without_corrections_is_fitted_once_from_no_first_guess(softening,
         fitted.append(given)
         return fit_axis(*given)
 
-    monkeypatch.setattr(any_rig, "fit_axis", count)
+    monkeypatch.setattr(model_choice, "fit_axis", count)
     log = axis_of(simulate_log(1, Rig(seconds=30.0, softening=softening)))
     identify_axes(
         [AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())],

@@ -11,18 +11,21 @@ from docs import identify_coverage
 from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import TUBE, Rig, simulate_log
 from twin.identify import fallback, first_look
-from twin.identify.any_rig import AxisIdentification, describe_lags, identify_axes, join_logs
+from twin.identify.any_rig import identify_axes, join_logs
+from twin.identify.axis_identification import AxisIdentification
 from twin.identify.axis_logs import AnyLog, AxisLog
+from twin.identify.axis_verdicts import describe_lags
 from twin.identify.end_stops import find_end_stops
 from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
 from twin.identify.first_look import (
+    TriedLinkages,
     find_misfits,
     look_at_moving,
     look_at_rolling,
     look_at_rolling_in_several_ways,
     look_first,
     look_plainly,
-    look_with_levers,
+    look_with_linkages,
 )
 from twin.identify.parameters import plain_parameter
 from twin.identify.report import sentences
@@ -33,7 +36,7 @@ from twin.identify.verdicts import (
     PLAIN_VERDICT,
     ParameterVerdict,
 )
-from twin.identify.weak_form import WEAK_FORM, make_grids
+from twin.identify.weak_form import WEAK_FORM, WeakWindows, make_grids
 
 
 def verdict(name, word, value=None, low=None, high=None):
@@ -142,7 +145,8 @@ def test_a_lever_is_part_of_what_the_plain_model_leaves_open(axis_log):
             5, rate=60.0, seconds=40, lever=lever, angles=True, stiff=3.0, damped=1.4, **rig
         )
         log = AxisLog(time, angle, False, time, ball)
-        looks = look_with_levers(make_grids(log, WEAK_FORM.plain_windows_s), (-0.08, 0.0, 0.155))
+        windows = WeakWindows.of(make_grids(log, (0.9,))[0], rolling=False)
+        looks = look_with_linkages(windows, TriedLinkages((-0.08, 0.0, 0.155)))
         assert looks[0].gain == pytest.approx(6.0, rel=0.06)
         without = look_plainly(log, 0.9, terms=("friction", "camber"))
         assert abs(without.gain - 6.0) > 0.15 * 6.0
@@ -162,7 +166,7 @@ def test_a_lever_is_part_of_what_a_rolling_ball_leaves_open(axis_log):
     log = AxisLog(time, angle, False, time, ball)
     without = look_at_rolling(log)
     assert abs(without.gain - 6.0) > 0.15 * 6.0
-    looks = look_at_rolling_in_several_ways(log, (-0.08, 0.0, 0.155))
+    looks = look_at_rolling_in_several_ways(log, TriedLinkages((-0.08, 0.0, 0.155)))
     assert without in looks
     assert looks[0].gain == pytest.approx(6.0, rel=0.06)
     assert {each.terms for each in looks} == {("friction", "camber"), ("friction",)}
@@ -217,7 +221,7 @@ def test_windows_without_a_ball_at_rest_show_the_gain_of_a_sticky_rig(seed):
     time, sampled, ball, command, _ = simulate_log(seed, rig)
     log = AxisLog(time, command, True, sampled, ball)
     every = look_plainly(log, 0.9, terms=("friction", "camber"))
-    looks = look_at_moving(make_grids(log, WEAK_FORM.plain_windows_s), (0.0,))
+    looks = look_at_moving(make_grids(log, WEAK_FORM.plain_windows_s), TriedLinkages())
     assert abs(every.gain - rig.gain) > abs(looks[0].gain - rig.gain)
     assert looks[0].gain == pytest.approx(rig.gain, rel=0.06)
     assert looks[0].windows < every.windows

@@ -9,15 +9,20 @@ import pytest
 
 from twin.base.errors import LogError
 from twin.identify import command_model
-from twin.identify.any_rig import AXIS_SELECTION, _assess_axis, identify_axes
+from twin.identify.any_rig import identify_axes
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.axis_problem import AxisProblem
+from twin.identify.axis_selection import AXIS_SELECTION
+from twin.identify.axis_verdicts import assess_axis
 from twin.identify.command_model import TiltHistory
 from twin.identify.drive_effects import profile, profile_contenders
 from twin.identify.fallback import PLAIN_WHY
 from twin.identify.first_look import (
+    TriedLinkages,
     find_misfits,
+    find_possible_linkages,
+    join_looks,
     look_at_any_motion,
     look_at_rolling_in_several_ways,
     look_first,
@@ -26,8 +31,9 @@ from twin.identify.first_look import (
 )
 from twin.identify.further_terms import find_significance, find_term
 from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
+from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.plain_model import AxisFit, fit_axis
-from twin.identify.weak_form import WEAK_FORM, WeakWindows, make_grids
+from twin.identify.weak_form import WEAK_FORM, Linkage, WeakWindows, make_grids
 from twin.identify.windows import axis_windows, spans
 
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
@@ -133,17 +139,18 @@ def test_the_plain_model_is_found_by_windows_of_any_motion():
     found = look_plainly(AxisLog(time, sent, False, time, ball), 0.9)
     assert found.damping == pytest.approx(damping, rel=0.02)
     log = AxisLog(time, sent, False, time, ball)
-    several = look_linearly(make_grids(log, WEAK_FORM.plain_windows_s))
-    assert several[0].damping == pytest.approx(damping, rel=0.02)
-    assert len(several) == 4
+    for grid in make_grids(log, WEAK_FORM.plain_windows_s):
+        both = look_linearly(WeakWindows.of(grid, rolling=False))
+        assert both[0].damping == pytest.approx(damping, rel=0.02)
+        assert len(both) == 2
 
 
 def test_all_looks_share_one_tilt_and_none_between_end_stops_is_computed_twice(monkeypatch, log):
     solve, drive, solved, driven = WeakWindows.solve, command_model.drive_path, [], []
 
-    def count_solve(windows, terms, lever):
-        solved.append((windows.grid.half, terms, lever))
-        return solve(windows, terms, lever)
+    def count_solve(windows, terms, linkage):
+        solved.append((windows.grid.half, terms, linkage))
+        return solve(windows, terms, linkage)
 
     def count_drive(*args):
         driven.append(args)
@@ -151,29 +158,38 @@ def test_all_looks_share_one_tilt_and_none_between_end_stops_is_computed_twice(m
 
     monkeypatch.setattr(WeakWindows, "solve", count_solve)
     monkeypatch.setattr(command_model, "drive_path", count_drive)
-    assert look_at_rolling_in_several_ways(log, (-0.05, 0.0, 0.05))
+    tried = TriedLinkages((-0.05, 0.0, 0.05), (0.0, 0.1))
+    assert look_at_rolling_in_several_ways(log, tried)
     assert len(solved) == len(set(solved)) > 10
     assert len(driven) == 1
-    assert look_at_any_motion(log, (-0.05, 0.0, 0.05))
+    assert look_at_any_motion(log, tried)
     assert len(driven) == 2
 
 
-def exact_motion(friction, lever=0.0, seconds=40.0):
-    """A log of x'' = 6 (u - lever u''/g) - friction sign(x') without noise, and how it begins."""
+def exact_motion(friction, lever=0.0, seconds=40.0, play=0.0, steps=False):
+    """A log of x'' = 6 (u - lever u''/g) - friction sign(x') without noise, and how it begins.
+
+    Or of u behind a gap of a width in rad, and of u that jumps between two values.
+    """
     h = 1e-3
     time = h * np.arange(round(seconds / h))
     tilt, bend = np.zeros((2, len(time)))
     for size, w in ((0.03, 1.1), (0.02, 2.7), (0.02, 4.9)):
         tilt += size * np.cos(w * time)
         bend -= size * w**2 * np.cos(w * time)
-    push = 6.0 * (tilt - lever / 9.81 * bend)
+    if steps:
+        tilt = 0.03 * np.sign(tilt)
+    plate, behind = 0.0, np.zeros_like(tilt)
+    for k, each in enumerate(tilt.tolist()):
+        behind[k] = plate = min(max(plate, each - play / 2), each + play / 2)
+    push = 6.0 * (behind - lever / 9.81 * bend)
     x, v, places = 0.0, 0.0, np.empty_like(time)
     for k, each in enumerate(push):
         v += h * (each - friction * np.sign(v))
         x += h * v
         places[k] = x
     seen = slice(None, None, 10)
-    return AxisLog(time[seen], tilt[seen], False, time[seen], places[seen])
+    return AxisLog(time[seen], tilt[seen], bool(play), time[seen], places[seen])
 
 
 def test_no_negative_friction_is_believed():
@@ -182,20 +198,22 @@ def test_no_negative_friction_is_believed():
     (grid,) = make_grids(log, (0.4,))
     windows = WeakWindows.of(grid, rolling=True)
     bounded, without = (
-        windows.solve(terms, 0.0) for terms in (("friction", "camber"), ("camber",))
+        windows.solve(terms, Linkage()) for terms in (("friction", "camber"), ("camber",))
     )
     assert bounded.values[2] == 0.0
     assert np.delete(bounded.values, 2) == pytest.approx(without.values, abs=1e-12)
     assert bounded.explained == without.explained
     assert bounded.stds[2] > 0
     positive = WeakWindows.of(make_grids(exact_motion(0.02), (0.4,))[0], rolling=True)
-    assert positive.solve(("friction", "camber"), 0.0).values[2] == pytest.approx(0.02, abs=2e-3)
+    assert positive.solve(("friction", "camber"), Linkage()).values[2] == pytest.approx(
+        0.02, abs=2e-3
+    )
 
 
 def test_looks_are_compared_at_the_same_windows():
     """A window that only one look explains is evidence for it, not an outlier of both."""
     rng = np.random.default_rng(0)
-    first = look_at_any_motion(exact_motion(0.02), (0.0,))[0]
+    first = look_at_any_motion(exact_motion(0.02), TriedLinkages())[0]
     residuals = rng.standard_normal(100)
     every = np.ones(100, bool)
     some = np.arange(100) < 80
@@ -212,16 +230,48 @@ def test_looks_are_compared_at_the_same_windows():
 
 @pytest.mark.parametrize("look", [look_at_any_motion, look_at_rolling_in_several_ways])
 def test_the_best_look_has_a_lever_only_where_the_log_shows_it(look):
-    levers = (-0.08, 0.0, 0.155)
-    with_lever = look(exact_motion(0.02, 0.155), levers)
+    tried = TriedLinkages((-0.08, 0.0, 0.155))
+    with_lever = look(exact_motion(0.02, 0.155), tried)
     assert with_lever[0].gain == pytest.approx(6.0, rel=0.02)
-    assert look(exact_motion(0.02), levers)[0].gain == pytest.approx(6.0, rel=0.02)
+    assert look(exact_motion(0.02), tried)[0].gain == pytest.approx(6.0, rel=0.02)
+
+
+PLAYS = (0.0, 0.1, 0.3, 0.5)
+
+
+@pytest.mark.parametrize("look", [look_at_any_motion, look_at_rolling_in_several_ways])
+def test_the_best_look_has_the_play_that_the_log_shows(look):
+    """The gap is 0.2 swings to each side, between two of those tried next to it."""
+    swing = float(np.std(exact_motion(0.02).tilt))
+    log = exact_motion(0.02, play=2 * 0.2 * swing)
+    (without, *_), looks = (look(log, TriedLinkages((0.0,), each)) for each in ((0.0,), (0, 0.2)))
+    assert abs(without.gain - 6.0) > 3 * abs(looks[0].gain - 6.0)
+    assert looks[0].gain == pytest.approx(6.0, rel=0.02)
+    assert looks[0].linkage.play == 0.2
+    several = join_looks(look(log, TriedLinkages((0.0,), PLAYS)))
+    low, high = several.interval("gain")
+    assert low < 6.0 < high
+    tried = {each.linkage.play for each in several.variants}
+    assert {0.1, 0.3} <= tried
+    assert 0.5 not in tried
+
+
+def test_a_command_of_two_values_leaves_the_play_open_and_the_gain_with_it():
+    """A gap takes the same from every step, so that no position tells it from a smaller gain."""
+    log = exact_motion(0.02, play=0.006, steps=True)
+    looks = look_at_any_motion(log, TriedLinkages((0.0,), PLAYS))
+    assert looks[0].gain == pytest.approx(0.9 * 6.0, rel=0.02)
+    low, high = join_looks(looks).interval("gain")
+    assert low < 0.9 * 6.0
+    assert high > 0.9 * 6.0 / 0.6
+    assert PLAIN_PARAMETERS["play"].tried == find_possible_linkages(log).plays
+    assert find_possible_linkages(replace(log, held=False)).plays == (0.0,)
 
 
 def test_no_negative_damping_is_believed():
     time, ball, sent = linear_motion(6.0, -0.8, 0.15)
     log = AxisLog(time, sent, False, time, ball)
-    looks = look_linearly(make_grids(log, WEAK_FORM.plain_windows_s))
+    looks = look_linearly(WeakWindows.of(make_grids(log, (0.9,))[0], rolling=False))
     assert looks
     assert all(each.damping == 0 for each in looks)
 
@@ -321,13 +371,13 @@ def test_intervals_include_what_a_term_that_is_left_out_would_change(axis_log):
     theta = without.found.theta * np.where(np.array(names) == "gain", 1.1, 1.0)
     elsewhere = replace(without, found=without.found._replace(theta=theta))
     assert find_term(elsewhere, "camber")[0][0] == pytest.approx(changes[0], rel=0.3)
-    told = {each.name: each for each in _assess_axis(without, "x", "rad")}
+    told = {each.name: each for each in assess_axis(without, "x", "rad")}
     scale, half = without.problem.tilt.scale, without.estimate().half_width[0]
     ends = (without.value("gain") + np.array([min(changes[0], 0), max(changes[0], 0)])) / scale
     assert told["gain_x"].low <= ends[0] - half / scale
     assert told["gain_x"].high >= ends[1] + half / scale
     cheaper = replace(AXIS_SELECTION, optional_parameters=())
-    plain = {each.name: each for each in _assess_axis(without, "x", "rad", cheaper)}
+    plain = {each.name: each for each in assess_axis(without, "x", "rad", cheaper)}
     assert plain["gain_x"].high - plain["gain_x"].low < told["gain_x"].high - told["gain_x"].low
 
 

@@ -188,7 +188,7 @@ def test_rows_that_end_where_nothing_is_seen_are_no_damage(tmp_path):
         ([], "is empty"),
         (["", "  ", "# a remark"], "is empty"),
         (rows()[:1], "contains hardly any numbers"),
-        (rows()[:2], "1 usable rows"),
+        (rows()[:2], "1 usable row,"),
         (["t,x,x", *rows()[1:]], "two columns are called x"),
         (["t,x", *rows()[1:]], "its header names 2 columns, its rows have 3"),
         (["x,u", *rows()[1:]], "its header names 2 columns, its rows have 3"),
@@ -305,3 +305,35 @@ def test_a_column_s_number_in_raised_figures_is_none(tmp_path):
 def test_a_unit_that_makes_nothing_of_a_number_is_none(unit):
     with pytest.raises(LogError, match=f"measured_x: unit '{unit}'"):
         wanted_columns(f"time=t,measured_x=x:{unit},command_phi=u")
+
+
+@pytest.mark.parametrize(
+    ("column", "numbers"),
+    [
+        ("x:mm@60", 1e3 * X + 60),
+        ("-x:mm@60", 60 - 1e3 * X),
+        ("x:0.5mm@-20", 2e3 * X - 20),
+        ("x [mm]:@60", 1e3 * X + 60),
+        ("x:mm", 1e3 * X),
+    ],
+)
+def test_a_number_after_the_unit_is_that_of_the_column_at_zero(tmp_path, column, numbers):
+    """Positions of a sensor elsewhere, turned or in pixels, are those of one in the middle."""
+    file = tmp_path / "a.csv"
+    rows = "".join(f"{t},{x},{u}\n" for t, x, u in zip(T, numbers, U, strict=True))
+    file.write_text(f"t,x [mm],u\n{rows}")
+    axis = read_any(file, wanted_columns(f"time=t,measured_x={column},command_phi=u")).axes["x"]
+    assert axis.ball == pytest.approx(X, abs=1e-9)
+
+
+@pytest.mark.parametrize("zero", ["", "mm", "nan", "1e400"])
+def test_what_is_no_number_at_zero_is_refused(zero):
+    with pytest.raises(
+        LogError, match=f"measured_x: @{zero}: give the column's number at zero, as"
+    ):
+        wanted_columns(f"time=t,measured_x=x:mm@{zero},command_phi=u")
+
+
+def test_an_age_has_no_zero_to_choose():
+    with pytest.raises(LogError, match="age: @5: only positions, tilts and time have a zero"):
+        wanted_columns("time=t,measured_x=x,command_phi=u,age=a:ms@5")

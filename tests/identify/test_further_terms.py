@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from docs.identify_errors import Rig, simulate_log
-from twin.identify.any_rig import _assess_axis
 from twin.identify.axis_logs import AxisLog
 from twin.identify.axis_problem import AxisProblem
+from twin.identify.axis_verdicts import assess_axis
 from twin.identify.command_model import TiltHistory
 from twin.identify.further_terms import find_hidden_changes
 from twin.identify.plain_model import fit_axis
@@ -28,9 +28,27 @@ def test_friction_that_holds_a_damping_too_small_to_be_fitted_reaches_the_true_o
         for what, each in find_hidden_changes(fit)
     }
     assert fit.value("friction") - half + lower["a damping too small to be fitted"] < rig.friction
-    (said,) = (each for each in _assess_axis(fit, "x", "rad") if each.name == "friction_x")
+    (said,) = (each for each in assess_axis(fit, "x", "rad") if each.name == "friction_x")
     assert said.low < rig.friction < said.high
     assert "the interval includes what a damping too small to be fitted would change" in said.why
+
+
+def test_fits_with_a_filter_of_the_positions_reach_the_true_gain_and_friction():
+    """Every filter that is tried moves the fit; one about as slow as the true one to the truth."""
+    rig = Rig(seconds=24.0, gain=5.46, dead_time=0.064, filtered=0.056, friction=0.059)
+    time, sampled, ball, command, _ = simulate_log(103, rig)
+    fit = fit_axis(AxisLog(time, command, True, sampled, ball), NAMES, 2.5, (0.0, 0.5))
+    (changes,) = (each for what, each in find_hidden_changes(fit) if "filter" in what)
+    assert len(changes) >= 2
+    assert np.abs(changes[:, [0, 4, 5]]).min() > 0
+    values = np.append(fit.found.theta, fit.found.theta[0, 1:3].sum())
+    truth = rig.gain * fit.problem.tilt.scale, rig.friction, 0.05 + 0.064 + 0.056
+    off = np.abs(values + changes - np.array([truth[0], 0, 0, 0, *truth[1:]]))[:, [0, 4, 5]]
+    before = np.abs(values[[0, 4, 5]] - truth)
+    assert (off < 0.8 * before).all(axis=1).any()
+    told = {each.name: each for each in assess_axis(fit, "x", "rad")}
+    for name, value in (("gain_x", rig.gain), ("friction_x", rig.friction)):
+        assert told[name].low < value < told[name].high
 
 
 def problem_of(tilt):

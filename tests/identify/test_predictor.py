@@ -12,12 +12,11 @@ from twin.base.errors import LogError
 from twin.identify import any_rig, axis_prediction, predictor
 from twin.identify.any_rig import identify_axes
 from twin.identify.axis_logs import AnyLog, AxisLog, EndStops
-from twin.identify.axis_prediction import predict_axis, prediction_times
+from twin.identify.axis_prediction import predict_axis, predict_by_levels, prediction_times
 from twin.identify.plain_model import fit_axis
 from twin.identify.predictor import (
     FIVE_NUMBERS,
     AxisPredictor,
-    choose_lead,
     choose_predictor,
     fit_five_numbers,
 )
@@ -62,88 +61,94 @@ def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
     assert other < 2e-3
 
 
-AT = np.arange(0.0, 40.0, 0.5)
-"""When predictions begin, s."""
+HOW = predictor.PREDICTOR_CHOICE
+FIVE = (3e-3, 2e-3, 4e-3, 8e-3)
+"""Median errors of five numbers by the length from which they predict, m."""
 
 
-def errors_of(size, seed):
-    return size * np.random.default_rng(seed).standard_normal(len(AT))
+def choose(monkeypatch, plain, full, five, **given):
+    """The choice between a full fit, here one of other values, and five numbers, by their errors.
 
-
-@pytest.mark.parametrize(
-    ("by_full", "by_five", "predicts"),
-    [(5e-3, 2e-3, "five"), (5e-3, 5e-3, "both"), (2e-3, 5e-3, "full")],
-)
-def test_a_fit_predicts_alone_only_if_it_is_clearly_better(
-    monkeypatch, plain, by_full, by_five, predicts
-):
-    compared = [errors_of(by_full, 1), errors_of(by_five, 1)]
-    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: (compared, AT))
+    Args:
+        monkeypatch: Of pytest.
+        plain: The five numbers.
+        full: Median errors in m by length, or None of a log that is too short.
+        five: The same of five numbers.
+        given: Further arguments of the choice.
+    """
+    errors = None if full is None else np.array([full, five])
+    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: errors)
     monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
-    given = SimpleNamespace(windowed=None, explained=False, log=None)
-    found, note = choose_predictor(given)
-    assert found.fits == {"five": (plain,), "both": (given, plain), "full": (given,)}[predicts]
-    assert ("five numbers" in note) is (predicts != "full")
-    assert ("mean" in note) is (predicts == "both")
-
-
-def test_errors_of_one_horizon_count_as_one():
-    small, large = errors_of(2e-3, 1), errors_of(3e-3, 2)
-    once = predictor._compare(large, small, AT, predictor.PREDICTOR_CHOICE)
-    often = [np.repeat(each, 8) for each in (large, small, AT)]
-    assert once > 0
-    assert predictor._compare(*often, predictor.PREDICTOR_CHOICE) == pytest.approx(once, rel=0.02)
-    assert predictor._compare(small, large, AT, predictor.PREDICTOR_CHOICE) == pytest.approx(-once)
-    unknown = predictor._compare(large, np.nan * small, AT, predictor.PREDICTOR_CHOICE)
-    assert unknown == 0.0
-
-
-def test_the_mean_of_two_fits_predicts_between_them(plain):
     other = replace(plain, found=plain.found._replace(theta=plain.found.theta * 0.8))
-    unseen = axis_of(2, PLAIN)
-    at = prediction_times(unseen)
-    alone = [AxisPredictor((each,)).predict(unseen, at) for each in (plain, other)]
-    both = AxisPredictor((plain, other)).predict(unseen, at)
-    for who in ("model", "level followed", "stays"):
-        between = (alone[0].by[who] + alone[1].by[who]) / 2
-        np.testing.assert_allclose(both.by[who], between)
-    wrong = [np.nanmedian(np.abs(each.errors("model", 1.0))) for each in (*alone, both)]
-    assert wrong[0] < wrong[2] < wrong[1]
+    found, note = choose_predictor(other, **given)
+    ways = zip(found.fits, found.weights, strict=True)
+    share = sum(weight for fit, weight in ways if fit.found is plain.found)
+    assert found.weights.sum() == pytest.approx(1)
+    return found, share, note
 
 
-def test_a_log_too_short_to_compare_fits_is_predicted_by_both(monkeypatch, plain):
-    def refuse(*_):
-        raise LogError("2 stretches")
-
-    monkeypatch.setattr(predictor, "_cross_validate", refuse)
-    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
-    given = SimpleNamespace(windowed=None, explained=False, log=None)
-    found, note = choose_predictor(given)
-    assert found.fits == (given, plain)
-    assert "mean" in note
+@pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0, 2.0, 5.0])
+def test_the_better_fit_has_more_weight(monkeypatch, plain, ratio):
+    _, share, note = choose(monkeypatch, plain, ratio * np.array(FIVE), FIVE)
+    assert share == pytest.approx(ratio**4 / (1 + ratio**4), abs=HOW.min_weight)
+    assert bool(share) is (ratio > 0.2)
+    assert ("five numbers one half of the log predicts the other to 2.0 mm" in note) is bool(share)
+    assert (f"to {100 * share:.0f} % those of a plain model" in note) is bool(0 < share < 1)
 
 
-@pytest.mark.parametrize(
-    ("by_full", "by_five", "predicts"), [(5e-3, 5e-3, "five"), (2e-3, 5e-3, "both")]
-)
-def test_a_model_whose_gain_may_be_zero_does_not_predict_alone(
-    monkeypatch, plain, by_full, by_five, predicts
-):
-    compared = [errors_of(by_full, 1), errors_of(by_five, 1)]
-    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: (compared, AT))
-    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
-    given = SimpleNamespace(windowed=None, explained=False, log=None)
-    found, note = choose_predictor(given, alone=False)
-    assert found.fits == {"five": (plain,), "both": (given, plain)}[predicts]
+def test_weights_fall_with_the_error_and_of_equal_errors_are_equal():
+    weights = predictor.find_weights(np.full((2, 4), 3e-3), HOW)
+    np.testing.assert_allclose(weights, 1 / 8)
+    errors = np.array([[2e-3, 3e-3], [4e-3, 1.0]])
+    weights = predictor.find_weights(errors, HOW)
+    assert weights[0, 0] / weights[0, 1] == pytest.approx((3 / 2) ** HOW.weight_power)
+    assert weights[1, 1] == 0
+    np.testing.assert_allclose(predictor.find_weights(7 * errors, HOW), weights)
+
+
+@pytest.mark.parametrize("full", [1e-3, 1.9e-3, 2.1e-3, 3e-3])
+def test_a_model_whose_gain_may_be_zero_has_at_most_half_the_weight(full):
+    weights = predictor.find_weights(np.array([[full], [2e-3]]), HOW, alone=False)
+    share = min(0.5, 1 / (1 + (full / 2e-3) ** HOW.weight_power))
+    np.testing.assert_allclose(weights[:, 0], [share, 1 - share])
+
+
+def test_a_note_states_a_gain_that_may_be_zero(monkeypatch, plain):
+    _, share, note = choose(monkeypatch, plain, np.divide(FIVE, 2), FIVE, alone=False)
+    assert share == pytest.approx(0.5)
     assert "may be zero" in note
 
 
-def test_a_model_that_explains_its_log_is_compared_as_well(monkeypatch, plain):
-    compared = [errors_of(5e-3, 1), errors_of(5e-3, 1)]
-    monkeypatch.setattr(predictor, "_cross_validate", lambda *_: (compared, AT))
-    monkeypatch.setattr(predictor, "_reduce", lambda *_: plain)
-    given = SimpleNamespace(windowed=None, explained=True, log=None)
-    assert choose_predictor(given)[0].fits == (given, plain)
+def test_a_log_too_short_to_compare_fits_is_predicted_by_both(monkeypatch, plain):
+    found, share, note = choose(monkeypatch, plain, None, None)
+    assert share == 0.5
+    assert "too short" in note
+    assert plain.explained
+    assert found.lead_s == pytest.approx(HOW.long_lead_s, abs=0.01)
+    _, share, _ = choose(monkeypatch, plain, None, None, alone=False)
+    assert share == 0.5
+
+
+def test_the_mean_of_ways_is_that_of_the_positions_of_the_same_times(plain):
+    wrong = plain.found.theta + np.array([0, 0, 0.3, 0, 0])  # alone it follows the level
+    other = replace(plain, found=plain.found._replace(theta=wrong))
+    unseen = axis_of(2, PLAIN)
+    at = prediction_times(unseen)
+    ways = (plain.with_lead(HOW.leads_s[3]), other.with_lead(HOW.leads_s[0]))
+    alone = [predict_by_levels(unseen, each, at) for each in ways]
+    assert alone[0].ahead.shape[1] > alone[1].ahead.shape[1]
+    both = AxisPredictor(ways, np.array([0.25, 0.75])).predict(unseen, at)
+    for horizon in (0.5, 1.0, 2.0):
+        errors = {
+            who: alone[0].errors(who, horizon) / 4 + 3 * alone[1].errors(who, horizon) / 4
+            for who in ("model", "level followed", "stays")
+        }
+        for who in ("model", "stays"):
+            np.testing.assert_allclose(both.errors(who, horizon), errors[who], atol=1e-9)
+        # the mean with the level that is followed, or without
+        nearest = [np.abs(both.errors("level followed", horizon) - errors[who]) for who in errors]
+        assert np.nanmax(np.minimum(*nearest[:2])) < 1e-9
+    assert (both.moves == alone[1].moves).all()
 
 
 def test_noise_of_a_log_that_is_explained_is_no_model_error(monkeypatch, plain):
@@ -152,56 +157,22 @@ def test_noise_of_a_log_that_is_explained_is_no_model_error(monkeypatch, plain):
     assert axis_prediction.refit_for_prediction(plain, 2.5) is plain
 
 
-@pytest.mark.long
+def lengths_by(plain, log, theta):
+    """Weights of the lengths from which five numbers of these values predict a log, shape (4,)."""
+    known = replace(plain, found=plain.found._replace(theta=theta))
+    errors = predictor._cross_validate(replace(plain, log=log), [lambda _: known], HOW.leads_s, HOW)
+    return predictor.find_weights(errors, HOW)[0]
+
+
 def test_predictions_start_from_more_samples_where_noise_is_all_that_is_wrong(plain):
     noisy = axis_of(3, replace(PLAIN, noise=2e-3, seconds=30.0))
-    given = AxisPredictor((replace(plain, log=noisy),))
-    found = choose_lead(given)
-    assert found.lead_s > 0.4
-    at = prediction_times(noisy)
-    before, after = (each.predict(noisy, at, follow=False) for each in (given, found))
-    medians = [np.nanmedian(np.abs(e.errors("model", 1.0)[e.moves])) for e in (before, after)]
-    assert medians[1] < 0.8 * medians[0]
-    for baseline in ("stays", "goes on"):  # these do not gain by it
-        own, other = (np.nanmedian(np.abs(e.errors(baseline, 1.0))) for e in (before, after))
-        assert own == pytest.approx(other, rel=0.05)
+    weights = lengths_by(plain, noisy, plain.found.theta)
+    assert weights[2:].sum() > 0.7
 
 
 def test_predictions_start_from_few_samples_where_the_model_is_wrong(plain):
-    wrong = plain.found._replace(theta=plain.found.theta * np.array([0.5, 1, 1, 1, 1]))
-    assert choose_lead(AxisPredictor((replace(plain, found=wrong),))).lead_s <= 0.4
-
-
-@pytest.mark.parametrize(("gained", "lead_s"), [(-3.0, 0.7), (0.8, 0.7), (1.2, 0.4)])
-def test_another_lead_is_taken_beyond_one_standard_error_of_the_pairs(
-    monkeypatch, plain, gained, lead_s
-):
-    """Errors of a lead of 0.4 s are better by that many standard errors, each than its own pair."""
-
-    def errors(predicting, _, at, how):
-        rng = np.random.default_rng(1)
-        sizes = 1e-3 * np.exp(rng.standard_normal(len(at)))  # far apart, but the same for all
-        if predicting.lead_s == 0.4:
-            return sizes
-        scatter = rng.standard_normal(len(at))
-        scatter = (scatter - scatter.mean()) / scatter.std(ddof=1)
-        horizons = len(np.unique(np.floor(at / how.horizon_s)))
-        better = 1e-3 * (scatter + gained / np.sqrt(horizons))
-        return sizes + (sizes + np.median(sizes)) * better
-
-    monkeypatch.setattr(predictor, "_find_errors", errors)
-    assert plain.explained
-    assert choose_lead(AxisPredictor((plain,))).lead_s == lead_s
-
-
-@pytest.mark.parametrize(
-    ("gained", "lead_s"),
-    [({0.4: 2.0, 1.2: 2.5}, 0.4), ({0.4: 1.2, 1.2: 2.5}, 1.2), ({0.25: 2.0, 0.4: 2.5}, 0.25)],
-)
-def test_of_leads_as_good_as_the_best_the_shortest_is_taken(monkeypatch, plain, gained, lead_s):
-    monkeypatch.setattr(predictor, "_find_errors", lambda each, *_: each.lead_s)
-    monkeypatch.setattr(predictor, "_compare", lambda _, lead, *__: gained.get(lead, 0.0))
-    assert choose_lead(AxisPredictor((plain,))).lead_s == lead_s
+    wrong = plain.found.theta * np.array([0.5, 1, 1, 1, 1])
+    assert lengths_by(plain, plain.log, wrong)[:2].sum() > 0.7
 
 
 @pytest.mark.parametrize(
@@ -256,21 +227,38 @@ def test_five_numbers_begin_from_a_first_look_as_well(monkeypatch, plain):
     assert guesses[0] == pytest.approx([gain, 0.1, 0.1, 0.3, 0.03], rel=1e-3)
 
 
-def test_each_half_is_predicted_by_a_fit_of_the_other(plain):
+def test_each_half_is_predicted_by_a_fit_of_the_other(monkeypatch, plain):
     fitted = []
 
     def refit(log):
         fitted.append((log.sampled[0], log.sampled[-1]))
         return plain
 
-    how = predictor.PREDICTOR_CHOICE
-    (errors,), at = predictor._cross_validate(plain, (refit,), how)
+    tried = []
+    monkeypatch.setattr(
+        predictor,
+        "_find_errors",
+        lambda _, log, at, lead_s, how: tried.append(log.sampled[0]) or np.full(len(at), lead_s),
+    )
+    errors = predictor._cross_validate(plain, (refit,), (0.4, 0.25), HOW)
     (first, middle), (after, last) = fitted
     assert first < middle < after < last
     assert middle - first == pytest.approx(last - after, abs=0.1)
-    assert errors.shape == at.shape
-    assert at[0] > middle > at[-1]
-    assert np.nanmedian(np.abs(errors)) < 2e-3
+    assert tried == [after, after, first, first]
+    np.testing.assert_allclose(errors, [[0.4, 0.25]])
+
+
+def test_too_few_predictions_of_a_ball_that_moves_compare_nothing(monkeypatch, plain):
+    moving = [HOW.min_predictions - 1]
+
+    def errors(_, log, at, *rest):
+        count = moving[0] if log.sampled[0] > 1.0 else 0
+        return np.where(np.arange(len(at)) < count, 1e-3, np.nan)
+
+    monkeypatch.setattr(predictor, "_find_errors", errors)
+    assert predictor._cross_validate(plain, [lambda _: plain], (0.4,), HOW) is None
+    moving[0] += 1
+    assert predictor._cross_validate(plain, [lambda _: plain], (0.4,), HOW) is not None
 
 
 @pytest.mark.long
@@ -278,8 +266,8 @@ def test_a_log_without_a_full_fit_is_predicted_by_five_numbers(monkeypatch):
     def refuse(*_):
         raise LogError("2 stretches")
 
-    monkeypatch.setattr(any_rig, "_select_model", refuse)
-    monkeypatch.setattr(any_rig, "_fit_usual_parameters", lambda *_: {})
+    monkeypatch.setattr(any_rig, "select_model", refuse)
+    monkeypatch.setattr(any_rig, "fit_usual_parameters", lambda *_: {})
     logs = [AnyLog("rig.csv", {"x": axis_of(s, PLAIN)}, {"x": "rad"}, ()) for s in (1, 2)]
     found = identify_axes(logs[:1], logs[1:])
     assert found.scores[0].median["model"][1] < 3e-3

@@ -119,6 +119,9 @@ NAMES = {
     "t,dist,pulse_us": "dist - pulse_us -",
     "t,StepX,StepY,time_step,X,Y": "X Y StepX StepY",
     "t,Messung/Kugel,Messung/Servo": "Messung/Kugel - Messung/Servo -",
+    "t,X_u,X_est2,X_meas_Pxl,Y_u,Y_est2,Y_meas_Pxl": "X_meas_Pxl Y_meas_Pxl X_u Y_u",
+    "t,x,y,MV_x,MV_y": "x y MV_x MV_y",
+    "t,x,sensor_mv": "x - - -",
     "t,state_estimate.0,state_estimate.1,observation,action,cost.c": "observation - action -",
 }
 
@@ -170,3 +173,89 @@ def test_two_axes_share_a_unit(tmp_path):
     file = write(tmp_path / "a.csv", header, T, 100 * X, 2000 * X, 5 * U, 100 * U)
     asked = "measured_x=pos_x:mm,measured_y=pos_y:mm,command_phi=cmd_x:deg,command_theta=cmd_y:deg"
     assert survey(file).command.endswith(asked)
+
+
+def test_a_column_that_counts_rows_is_no_time_in_ms(tmp_path):
+    count = np.arange(len(T))
+    found = survey(write(tmp_path / "a.csv", "t,X,servo", count, 1e3 * X, np.degrees(U)))
+    assert "time=t:RATEHz," in found.command
+    assert found.notes == (
+        "t: counts rows, and is no time: give their rate in the place of RATEHz, as time=t:100Hz",
+    )
+    # a column of times is better, whatever its place; millis that step by 1 say that they are ms
+    both = write(tmp_path / "b.csv", "t,seconds,X,servo", count, T, 1e3 * X, np.degrees(U))
+    assert "time=seconds:s," in survey(both).command
+    assert (
+        "time=millis:ms,"
+        in survey(
+            write(tmp_path / "c.csv", "millis,X,servo", count, 1e3 * X, np.degrees(U))
+        ).command
+    )
+    uneven = write(tmp_path / "d.csv", "t,X,servo", np.delete(np.arange(len(T) + 1), 7), X, U)
+    assert "time=t:ms," in survey(uneven).command
+
+
+def test_a_log_without_any_time_is_shown_the_form_of_a_constant_rate(tmp_path):
+    found = survey(write(tmp_path / "a.csv", "X,servo", 1e3 * X, np.degrees(U)))
+    assert "time=row:100Hz" in found.notes[0]
+
+
+def test_names_that_do_not_fit_the_cells_give_no_roles(tmp_path):
+    rows = [f"{k}\t{u:.5f}\t{u:.5f}\t{x:.5f}" for k, (x, u) in enumerate(zip(X, U, strict=True))]
+    file = tmp_path / "a.txt"
+    file.write_text("\n".join(["\t".join(("t", "I", "alpha1", "alpha2", "ball_x", "y")), *rows]))
+    found = survey(file)
+    assert [guess.option for guess in found.guesses] == ["time=1:RATEHz"]
+    assert (
+        "the header names 6 columns, the rows have 4 cells: no name of it is used" in found.notes[0]
+    )
+    told = wanted_columns("time=1:50Hz,measured_x=4:m,command_phi=2:rad")
+    assert read_any(file, told).axes["x"].ball == pytest.approx(X, abs=1e-5)
+    # whoever gives names is not refused, but warned
+    by_name = wanted_columns("time=t:50Hz,measured_x=alpha2:m,command_phi=I:rad")
+    assert "the header names 6 columns" in read_any(file, by_name).notes[0]
+    # cells that are there, and empty, are no misfit
+    file.write_text(
+        "\n".join(
+            [
+                "t\tball_x\tcmd_x\tevent",
+                *(f"{t}\t{x}\t{u}\t" for t, x, u in zip(T, X, U, strict=True)),
+            ]
+        )
+    )
+    assert "ball_x" in survey(file).command
+    assert not read_any(file, wanted_columns("time=t,measured_x=ball_x,command_phi=cmd_x")).notes
+
+
+def test_a_line_of_too_few_names_is_said_and_dates_are_the_time(tmp_path):
+    rows = [
+        f"2026-05-01 10:00:{t:09.6f},{x:.5f},{u:.5f},1" for t, x, u in zip(T, X, U, strict=True)
+    ]
+    rows[50] = rows[49]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["Timestamp,Data", *rows]))
+    found = survey(file)
+    assert found.guesses[0].option == "time=1:s"
+    assert "has 2 names, the rows have 4 cells" in found.notes[0]
+
+
+def test_of_two_columns_of_one_name_the_noisy_one_is_measured(tmp_path):
+    noisy = X + 3e-4 * np.random.default_rng(1).standard_normal(len(T))
+    square = 0.05 * np.sign(X)
+    for other in (0.05 * np.sin(T), square):
+        for pair, name in (((other, noisy), "data.x.2"), ((noisy, other), "data.x.1")):
+            found = survey(write(tmp_path / "a.csv", "t,data.x.1,data.x.2,servo", T, *pair, U))
+            assert f"measured_x={name}:m" in found.command
+
+
+def test_a_command_that_was_written_twice_is_not_that_of_the_other_axis(tmp_path):
+    header = "t,pos_x,pos_y,angle_x,angle_y"
+    file = write(tmp_path / "a.csv", header, T, X, X[::-1], U, U)
+    found = survey(file)
+    assert "command_phi=angle_x:rad,command_theta=NAME:deg" in found.command
+    assert "angle_y equals angle_x in every row" in found.notes[0]
+    told = "time=t,measured_x=pos_x,measured_y=pos_y,command_phi=angle_x,command_theta=-angle_y"
+    (note,) = read_any(file, wanted_columns(told)).notes
+    assert "command_theta: angle_y equals angle_x (command_phi) in every row" in note
+    other = write(tmp_path / "b.csv", header, T, X, X[::-1], U, np.append(U[:-1], U[-1] + 1e-3))
+    assert not read_any(other, wanted_columns(told)).notes

@@ -1,7 +1,7 @@
 """What is identified of an axis of any rig, made by hand for the tests of what is read from it."""
 
 from controllers.ballplate import BallPlate
-from twin.identify.any_rig import AxisIdentification
+from twin.identify.axis_identification import AxisIdentification
 
 
 def axis_identification(*verdicts):

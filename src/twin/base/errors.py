@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import difflib
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 
 class TwinError(Exception):
@@ -118,3 +119,12 @@ def printable(text: str, keep: str = "") -> str:
 def one_line(error: Exception) -> str:
     """The message of a library's error, in one line."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+@contextmanager
+def naming(option: str) -> Iterator[None]:
+    """Let errors about the value of an option begin with its name, as it is typed."""
+    try:
+        yield
+    except (ScenarioError, RecordError, LogError) as error:
+        raise type(error)(f"{option}: {error}") from error

@@ -27,6 +27,16 @@ def check_writable(folder: Path, option: str = "--out") -> Path:
     Raises:
         ScenarioError: If the folder cannot be made or written.
     """
+    _probe(folder, f"{option} {folder}")
+    return folder
+
+
+def _probe(folder: Path, where: str) -> None:
+    """Make and remove a file in a folder, and the folder if it does not exist.
+
+    Raises:
+        ScenarioError: If that fails; it begins with ``where``.
+    """
     above = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -36,8 +46,7 @@ def check_writable(folder: Path, option: str = "--out") -> Path:
         for each in above:
             each.rmdir()
     except OSError as error:
-        raise ScenarioError(f"{option} {folder}: cannot be written: {why(error)}") from error
-    return folder
+        raise ScenarioError(f"{where}: cannot be written: {why(error)}") from error
 
 
 def check_writable_file(file: Path, option: str = "--out") -> Path:
@@ -51,8 +60,17 @@ def check_writable_file(file: Path, option: str = "--out") -> Path:
     """
     if file.is_dir():
         raise ScenarioError(f"{option} {file}: is a folder; give a file")
-    check_writable(file.parent, option)
+    check_writable_beside(file, option)
     return file
+
+
+def check_writable_beside(path: Path, option: str) -> None:
+    """Check before the work that a file or folder of a name can be made in its folder.
+
+    Raises:
+        ScenarioError: If its folder cannot be made or written.
+    """
+    _probe(path.parent, f"{option} {path}")
 
 
 @contextmanager

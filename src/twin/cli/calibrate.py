@@ -93,7 +93,7 @@ def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
 @options.EMPTY_RIG
 @click.option(
     "--out",
-    type=options.PATH_TYPE,
+    type=options.WRITABLE_FILE,
     default=Path("touch-of-rig.json"),
     help="Calibration file [touch-of-rig.json].",
 )
@@ -145,7 +145,7 @@ calibrate.add_command(lost_motion)
 @options.EMPTY_RIG
 @click.option(
     "--out",
-    type=options.PATH_TYPE,
+    type=options.WRITABLE_FILE,
     default=Path("cams-of-rig.json"),
     help="File of the table [cams-of-rig.json].",
 )

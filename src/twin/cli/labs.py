@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.base.errors import ScenarioError, plural, suggest
+from twin.base.errors import RecordError, ScenarioError, naming, plural, suggest
 from twin.base.jobs import cores
 from twin.base.page import Table
 from twin.base.shipped import shipped_labs, titles
@@ -18,6 +18,7 @@ from twin.base.writing import check_writable
 from twin.cli import options
 from twin.cli.options import JSON_OPTION, PATH_TYPE, PROCESSES_OPTION, Command, Group
 from twin.cli.output import TERMINAL, progress, say, show, show_titles, warn
+from twin.lab import SCORES_FILE
 
 if TYPE_CHECKING:
     from twin.lab.bench import Benchmark
@@ -124,6 +125,18 @@ def run(
     return 0
 
 
+def _check_finished(entries: Iterable[Path]) -> None:
+    """Check that folders hold finished entries, before anything heavy is loaded.
+
+    Raises:
+        RecordError: If one holds no scores.
+    """
+    for each in entries:
+        if not (each / SCORES_FILE).exists():
+            where = f"it has no {SCORES_FILE}" if each.exists() else "no such folder"
+            raise RecordError(f"{each}: no finished entry: {where}; ballplate bench run writes one")
+
+
 @bench.command(cls=Command, example="bench verify entry", reads=True)
 @click.argument("entry", required=False, type=PATH_TYPE)
 @SEASON_OPTION
@@ -136,10 +149,11 @@ def verify(entry: Path | None, season: str | None) -> int:
     laws on the first rigs. Exit code 1 where anything differs. An entry of a season needs its
     key, and the reference law is run once.
     """
-    from twin.lab.bench import Benchmark
-
     if season is not None and entry is None:
         raise click.UsageError("--season: needs the ENTRY to verify")
+    _check_finished([entry] if entry else ())
+    from twin.lab.bench import Benchmark
+
     benchmark = Benchmark(key=season)
     with _count_runs("reference law", benchmark) if season else nullcontext() as progress:
         replayed = benchmark.replay(entry, progress=progress) if entry else benchmark.differences()
@@ -156,6 +170,7 @@ def verify(entry: Path | None, season: str | None) -> int:
 @JSON_OPTION
 def table(entries: Sequence[Path]) -> int:
     """Compare finished entries: the relative error of each in each task."""
+    _check_finished(entries)
     from twin.lab.bench import rigs_of, scores_side_by_side
 
     found, season = scores_side_by_side(entries)
@@ -267,7 +282,9 @@ def new(name: str, like: str | None, out: Path | None) -> int:
     from twin.lab.schema import read
 
     folder = out or Path(name)
-    begin(name, folder, read(like) if like else None)
+    with naming("--like"):
+        copied = read(like) if like else None
+    begin(name, folder, copied)
     if not any(folder.glob("solution.*")):
         warn("the copy has no solution and no mutants: only a clone of the repository has them")
     say(f"{folder}/: begin with lab.toml and solution.py; then: ballplate lab selftest {folder}")
@@ -302,8 +319,12 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None, *, noteboo
 @KEY_OPTION
 @click.option("--hidden", is_flag=True, help="Grade hidden checks, too, if they are there.")
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
-@click.option("--out", type=PATH_TYPE, help="File to write the result to.")
-@click.option("--page", type=PATH_TYPE, help="HTML page to write, with a picture of the worst run.")
+@click.option("--out", type=options.WRITABLE_FILE, help="File to write the result to.")
+@click.option(
+    "--page",
+    type=options.WRITABLE_FILE,
+    help="HTML page to write, with a picture of the worst run.",
+)
 @JSON_OPTION
 def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> int:
     """Grade an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
@@ -312,13 +333,10 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
     """
     _refuse_missing(how["answer"], how["lab"], graded=form is not None)
     from ballplate.lab import check as judge
-    from twin.base.writing import check_writable_file, write_whole
+    from twin.base.writing import write_whole
 
     if form is not None and out is None:
         raise ScenarioError(f"--as {form}: needs --out, the file to write the result to")
-    for option, file in (("--out", out), ("--page", how["page"])):
-        if file is not None:
-            check_writable_file(file, option)
     from twin.lab.result_files import format_result
     from twin.lab.result_texts import table
 
@@ -359,7 +377,10 @@ def variants(
 @KEY_OPTION
 @click.option("--class", "people", type=PATH_TYPE, help="CSV file of the class: who may hand in.")
 @click.option(
-    "--out", type=PATH_TYPE, default=Path("marks.csv"), help="File of the marks [marks.csv]."
+    "--out",
+    type=options.WRITABLE_FILE,
+    default=Path("marks.csv"),
+    help="File of the marks [marks.csv].",
 )
 @PROCESSES_OPTION
 @JSON_OPTION
@@ -381,7 +402,8 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
 
     if out.suffix != ".csv":
         raise ScenarioError(f"--out {out}: must end in .csv")
-    names = students(people) if people else None
+    with naming("--class"):
+        names = students(people) if people else None
     _warn_of_practice(lab, given["key"])
     processes, key = given["processes"] or cores(), _text(given["key"])
     collected, kept = collect(lab, folder, names or ()), out.with_suffix(".results")

@@ -7,7 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager, redirect_stdout
+from contextlib import ExitStack, closing, contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +17,8 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.rig_access import EMULATED_RIG
-from twin.base.errors import ScenarioError, ViewError, plural
-from twin.base.shipped import find, shipped_in, shipped_scenarios
+from twin.base.errors import ScenarioError, ViewError, naming, plural
+from twin.base.shipped import chosen, find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
 from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
 
@@ -214,9 +214,29 @@ def check_settings(texts: Iterable[str], option: str) -> None:
         setting(text, option)
 
 
-def check_scenario_name(_: click.Context, __: click.Parameter, name: str) -> str:
-    """The name of a scenario; a wrong one is reported before anything heavy is imported."""
-    find(name)
+def check_scenario_name(_: click.Context, given: click.Parameter, name: Any) -> Any:
+    """The name of a scenario, or names; a wrong one is reported before anything heavy is imported.
+
+    Raises:
+        ScenarioError: If there is no such scenario; it names the option, if it is one.
+    """
+    names = name if isinstance(name, tuple) else () if name is None else (name,)
+    with naming(given.opts[-1]) if isinstance(given, click.Option) else nullcontext():
+        for each in names:
+            find(each)
+    return name
+
+
+def check_rig_name(context: click.Context, option: click.Parameter, name: str | None) -> str | None:
+    """The name of a rig, kept for later readers; a wrong one is reported at once.
+
+    Raises:
+        ScenarioError: If there is no such rig.
+    """
+    if name is not None:
+        with naming(option.opts[-1]):
+            chosen("rig", name, shipped_in("rigs"))
+    _note(context, option, name)
     return name
 
 
@@ -231,6 +251,27 @@ def _note_board(context: click.Context, option: click.Parameter, program: str | 
 
 PATH_TYPE = click.Path(path_type=Path)
 """A file or folder, there or not."""
+
+
+class WritableFile(click.Path):
+    """A file to be written; whether it can be is checked before the work, when it is parsed."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The file.
+
+        Raises:
+            ScenarioError: If it cannot be written.
+        """
+        file = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if ctx is None or ctx.resilient_parsing:  # the Tab key writes nothing
+            return file
+        from twin.base.writing import check_writable_file
+
+        return check_writable_file(file, param.opts[-1] if param else "file")
+
+
+WRITABLE_FILE = WritableFile()
+"""A file to be written."""
 SCENARIO = functools.partial(
     click.argument, "scenario", callback=check_scenario_name, shell_complete=scenarios
 )
@@ -248,7 +289,7 @@ _ON_OPTION = click.option(
     metavar="RIG",
     expose_value=False,
     is_eager=True,
-    callback=_note,
+    callback=check_rig_name,
     help="A shipped rig, a file of identified parameters, or a lab's rig.toml [the thesis's rig].",
     shell_complete=rigs,
 )

@@ -56,6 +56,7 @@ def PLAN(command: Any) -> Any:  # noqa: N802 - an option, as the others
             "scenarios",
             multiple=True,
             metavar="SCENARIO",
+            callback=options.check_scenario_name,
             shell_complete=options.scenarios,
             help="With --plan: a motion to forecast [excite, circle, sine; on one axis line, "
             "excite].",

@@ -18,7 +18,7 @@ from ballplate.rig_access import EMULATED_RIG, rig_of
 from twin.base.errors import LogError, RigError, ScenarioError, plural
 from twin.base.jobs import cores
 from twin.base.page import Table
-from twin.base.writing import check_writable, check_writable_file, write_whole
+from twin.base.writing import check_writable, write_whole
 from twin.cli import options
 from twin.cli.output import (
     TERMINAL,
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from twin.devices.akd.object_names import Names
     from twin.devices.akd.traces import Trace
     from twin.doctor.check import Ask, CheckResult
+    from twin.emulator.bus_name import BusName
     from twin.emulator.virtual_bus import VirtualBus
     from twin.safety.trial import FaultRow
     from twin.scenario import Scenario
@@ -174,7 +175,9 @@ def request(word: str) -> str:
 )
 @click.option("--control", type=options.PATH_TYPE, help="Unix socket that accepts such lines.")
 @click.option(
-    "--eds", type=options.PATH_TYPE, help="Only write the EDS of the cia402 drives there."
+    "--eds",
+    type=options.WRITABLE_FILE,
+    help="Only write the EDS of the cia402 drives there.",
 )
 @click.option(
     "--protocol",
@@ -185,7 +188,7 @@ def request(word: str) -> str:
 @click.option(
     "--write",
     "file",
-    type=options.PATH_TYPE,
+    type=options.WRITABLE_FILE,
     help="Where to write the rig file of AKD drives [emulated.toml].",
 )
 def emulate(
@@ -219,14 +222,17 @@ def emulate(
         return 0
     from contextlib import ExitStack
 
+    from twin.emulator.bus_name import PSEUDO_TERMINAL, parse_bus
+
+    name = None if bus == PSEUDO_TERMINAL else parse_bus(bus)
     from twin.emulator.control import control_socket
     from twin.emulator.serve import VirtualRig, come_forward
 
     kind = kind or "akd"
-    own_host = kind == "akd" and not bus.startswith("udp_multicast")
+    own_host = kind == "akd" and (name is None or name.interface != "udp_multicast")
     if file is not None and not own_host:
         raise RigError("--write: a rig file is for AKD drives only, and not for udp_multicast")
-    served = _virtual_bus(scenario, overrides, kind, mechanism, bus, nodes, protocol)
+    served = _virtual_bus(scenario, overrides, kind, mechanism, name, nodes, protocol)
     with ExitStack() as opened:
         rig = opened.enter_context(served)
         if control is not None:
@@ -256,7 +262,7 @@ def _virtual_bus(
     overrides: tuple[str, ...],
     kind: str,
     mechanism: str,
-    bus: str,
+    bus: BusName | None,
     nodes: tuple[int, ...],
     protocol: str,
 ) -> VirtualBus:
@@ -265,12 +271,10 @@ def _virtual_bus(
     Raises:
         RigError: Options that do not go together, or a bus that cannot be opened.
     """
-    from twin.emulator.bus_port import PSEUDO_TERMINAL, parse_bus
     from twin.emulator.load import InertiaLoad, ShaftLoad
     from twin.emulator.profile_drive import ProfileDrive
     from twin.emulator.virtual_bus import VirtualBus
 
-    name = None if bus == PSEUDO_TERMINAL else parse_bus(bus)
     if len(set(nodes)) < len(nodes):
         raise RigError("--node: each drive needs a different node")
     if mechanism == "inertia":
@@ -278,7 +282,7 @@ def _virtual_bus(
             raise RigError("--mechanism inertia: needs --drive cia402; AKD drives turn the plate")
         if overrides:
             raise RigError("--set: changes the scenario of a plate; --mechanism inertia has none")
-        return VirtualBus([ProfileDrive(node, InertiaLoad()) for node in nodes or (1,)], name)
+        return VirtualBus([ProfileDrive(node, InertiaLoad()) for node in nodes or (1,)], bus)
     from twin.emulator.drive import EmulatedDrive
     from twin.emulator.serve import VirtualRig
     from twin.scenario import load
@@ -289,7 +293,7 @@ def _virtual_bus(
     drives: list[EmulatedDrive | ProfileDrive[ShaftLoad]] = [
         EmulatedDrive(node) if kind == "akd" else ProfileDrive(node, ShaftLoad()) for node in nodes
     ]
-    return VirtualRig(load(scenario, overrides), Protocol(protocol), drives, name)
+    return VirtualRig(load(scenario, overrides), Protocol(protocol), drives, bus)
 
 
 def _listen(rig: VirtualBus) -> None:
@@ -307,7 +311,11 @@ def _listen(rig: VirtualBus) -> None:
     metavar="WORDS",
     help="Inject only faults with these words in name or condition; repeatable.",
 )
-@click.option("--out", type=options.PATH_TYPE, help="Also write a failure mode sheet, .csv.")
+@click.option(
+    "--out",
+    type=options.WRITABLE_FILE,
+    help="Also write a failure mode sheet, .csv.",
+)
 @options.PROCESSES_OPTION
 @options.JSON_OPTION
 def safety(
@@ -316,13 +324,10 @@ def safety(
     """Inject faults into a rig on emulated devices, and evaluate detection and reaction."""
     from twin.emulator.fault_lines import MATRIX_ROWS
     from twin.safety.faults import CASES, choose_cases
-    from twin.safety.trial import failure_sheet, run_all
 
     cases = choose_cases(words)
     if out is not None and only_list:
         raise ScenarioError("--out: not allowed with --list, which injects no fault")
-    if out is not None:
-        check_writable_file(out)
     if only_list:
         named = {row: name for name, row in MATRIX_ROWS.items()}
         listed = [
@@ -337,6 +342,8 @@ def safety(
         shown_rows = [(each["name"], each["condition"] or "none", each["fault"]) for each in listed]
         show(listed, (Table("", heads, shown_rows, words=(0, 1, 2)),))
         return 0
+    from twin.safety.trial import failure_sheet, run_all
+
     with progress("fault matrix", len(cases)) as advance:
         rows = run_all(processes or cores(), advance, cases)
     if out is not None:
@@ -383,7 +390,11 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option(
     "--replay", "again", is_flag=True, help="Send the host's frames to emulated drives and compare."
 )
-@click.option("--out", type=options.PATH_TYPE, help="Also write the events there, a CSV file.")
+@click.option(
+    "--out",
+    type=options.WRITABLE_FILE,
+    help="Also write the events there, a CSV file.",
+)
 @click.option("--all", "everything", is_flag=True, help="Also what nodes sent, values and events.")
 @click.option(
     "--check",
@@ -392,7 +403,9 @@ def _table(rows: list[FaultRow]) -> Table:
 )
 @click.option("--touch", type=options.PATH_TYPE, help="The data of the touch screen, a CSV file.")
 @click.option(
-    "--log", type=options.PATH_TYPE, help="With --rig and --touch: write a log there, .csv."
+    "--log",
+    type=options.WRITABLE_FILE,
+    help="With --rig and --touch: write a log there, .csv.",
 )
 @options.JSON_OPTION
 def trace(

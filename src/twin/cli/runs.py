@@ -17,9 +17,17 @@ from ballplate.changes import scenarios
 from ballplate.running import CLEAN_LABEL
 from ballplate.running import run as run_scenario
 from twin.base.data_file import read_toml
-from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, ViewError, plural
+from twin.base.errors import (
+    LogError,
+    RecordError,
+    ScenarioError,
+    TwinError,
+    ViewError,
+    naming,
+    plural,
+)
 from twin.base.shipped import folder, model_path
-from twin.base.writing import write_whole
+from twin.base.writing import check_writable, check_writable_beside, write_whole
 from twin.cli import options
 from twin.cli.output import (
     TERMINAL,
@@ -39,6 +47,7 @@ from twin.run.files import (
     check_no_scenario,
     free,
     is_last,
+    is_log,
     last,
     run_folder,
 )
@@ -81,7 +90,7 @@ def list_scenarios() -> None:
 )
 @click.option(
     "--trace",
-    type=options.PATH_TYPE,
+    type=options.WRITABLE_FILE,
     help="With --rig: file for the frames of its CAN bus: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
@@ -404,8 +413,11 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
         check_no_scenario(path)
         if len(paths) > 1 and _is_trace(path) and path.suffix != ".parquet":
             raise RecordError(f"{path}: not a run; show a CAN trace without runs")
-        if path.suffix == ".csv":
-            raise RecordError(f"{path}: a log, not a run; ballplate compare {path} SCENARIO")
+        if is_log(path):
+            raise RecordError(
+                f"{path}: a log, not a run; ballplate compare {path} SCENARIO, with --columns "
+                f"where its columns have other names; a CAN trace: ballplate trace {path}"
+            )
     from twin.run.opened import open_runs
 
     return open_runs(paths, TERMINAL.warn)
@@ -413,7 +425,11 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
 
 @options.command(example="view runs/circle", reads=True)
 @click.argument("runs", nargs=-1, type=options.PATH_TYPE, shell_complete=options.runs)
-@click.option("--rrd", type=options.PATH_TYPE, help="Write a recording, open no viewer.")
+@click.option(
+    "--rrd",
+    type=options.WRITABLE_FILE,
+    help="Write a recording, open no viewer.",
+)
 @options.SERVE_OPTION
 def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
@@ -510,13 +526,18 @@ def _report_folder(asked: tuple[Path, ...], opened: Sequence[Run]) -> Path:
     metavar="html,png,pdf,svg",
     help="What to write [by the ending of --out, else html].",
 )
-@click.option("--out", type=options.PATH_TYPE, help="File, its ending optional [RUN/report].")
+@click.option(
+    "--out",
+    type=options.WRITABLE_FILE,
+    help="File, its ending optional [RUN/report].",
+)
 def report(runs: tuple[Path, ...], formats: list[str] | None, out: Path | None) -> int:
     """Report on one run folder, or compare several: a page, pictures.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _open_runs(runs)
+    stem = out or check_writable(_report_folder(runs, opened), "report:") / "report"
     from twin.base.page import encode_figure  # heavy: a wrong name was reported before
     from twin.devices.akd import TRACE_FILE
     from twin.devices.akd.traces import SEAL_FILE, find_altered_parts
@@ -525,7 +546,6 @@ def report(runs: tuple[Path, ...], formats: list[str] | None, out: Path | None) 
     for each in opened:
         if each.folder is not None and (each.folder / SEAL_FILE).exists():
             each.incomplete = (*each.incomplete, *find_altered_parts(each.folder / TRACE_FILE))
-    stem = out or _report_folder(runs, opened) / "report"
     if (ending := stem.suffix.removeprefix(".")) in REPORT_FORMATS:
         stem, formats = stem.with_suffix(""), formats or [ending]
     if stem.is_dir():
@@ -602,6 +622,7 @@ def export(
     Or a scenario's controller, as a folder of C source for a board, here controller/:
     ballplate export circle controller.c --real float
     """
+    check_writable_beside(file, "FILE")
     if controller and (bus or file.suffix != ".fmu"):
         raise RecordError(f"{file}: --controller: exports an FMU; the file must end in .fmu")
     if real and file.suffix != ".c" and not controller:
@@ -642,7 +663,9 @@ def export(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
             "pictures: .webp, .gif, .mp4"
         )
-    opened = [each for path in (run, *beside) for each in _open_runs((path,))]
+    opened = _open_runs((run,))
+    with naming("--beside"):
+        opened += [each for path in beside for each in _open_runs((path,))]
     if not moving:
         if len(opened) > 1:
             raise RecordError(f"{run}: contains {len(opened)} runs; give one of them")

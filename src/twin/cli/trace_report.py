@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from twin.base.errors import list_first, printable
+from twin.base.errors import list_first, plural, printable
 from twin.base.page import Table, digits
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def node_tables(found: dict[str, Any]) -> list[Table]:
     ]
     if errors := found["errors"]:
         text = "; ".join(f"{count} {what}" for what, count in errors.items())
-        did.append(("adapter", f"{sum(errors.values())} error frames", "", "", "", text))
+        did.append(("adapter", plural(sum(errors.values()), "error frame"), "", "", "", text))
     signals = [
         (node["name"], name, digits(its["from"]), digits(its["to"]), _unit(its))
         for node in nodes

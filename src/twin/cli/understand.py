@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.changes import changes_of, scenario_of, warn_of_replaced
-from twin.base.errors import LogError, ScenarioError, plural
+from twin.base.errors import LogError, ScenarioError, naming, plural
 from twin.base.page import Table, digits
 from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
@@ -130,6 +130,7 @@ PARAMETERS_HELP = (
 @click.option(
     "--on",
     metavar="RIG",
+    callback=options.check_rig_name,
     help="With --columns: the rig, or file of parameters, that the results are laid over; "
     "with --plan the rig.",
     shell_complete=options.rigs,
@@ -166,9 +167,9 @@ def identify(
             option = f"--{name.replace('_', '-')}"
             raise ScenarioError(f"{option}: needs --columns; a run states its rig")
     hold_out = _held_out(held)
+    folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     from ballplate.identifying import identify as identify_log
 
-    folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
     from twin.identify.report import TABLE_HEADINGS, rows
     from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
@@ -315,10 +316,9 @@ def shadow(
     if len(set(names)) < len(names):
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
         raise ScenarioError(f"{same}: two logs have the same name; rename one")
-    first = None if reference is None else log_file(reference)
+    with naming("--reference"):
+        first = None if reference is None else log_file(reference)
     _check_columns([*([first] if first else ()), *files], how)
-    from twin.shadow.reference import examine_by_reference
-    from twin.shadow.report import WRITTEN_FILES, examine, sentences
 
     def folder_of(file: Path, name: str) -> Path:
         if out is not None:
@@ -326,6 +326,9 @@ def shadow(
         return check_writable(file.parent if is_record(file) else RUNS_FOLDER / f"shadow-{name}")
 
     folders = [folder_of(*each) for each in zip(files, names, strict=True)]
+    from twin.shadow.reference import examine_by_reference
+    from twin.shadow.report import WRITTEN_FILES, examine, sentences
+
     if first is None:
         with progress(f"the twin of {names[0]}", 1.0):
             one = examine(files[0], folders[0], overrides, learning=learn, **how)
@@ -392,9 +395,16 @@ FURTHER_HELP = "A further future, with these changes in addition to --set; repea
     show_default=True,
     help="Duration of the future, s.",
 )
-@click.option("--scenario", help="Scenario of a log that does not state it: a name or a TOML file.")
 @click.option(
-    "--on", metavar="RIG", help="Rig of the log: a name, or a file of identified parameters."
+    "--scenario",
+    callback=options.check_scenario_name,
+    help="Scenario of a log that does not state it: a name or a TOML file.",
+)
+@click.option(
+    "--on",
+    metavar="RIG",
+    callback=options.check_rig_name,
+    help="Rig of the log: a name, or a file of identified parameters.",
 )
 @options.COLUMNS
 @click.option("--out", type=options.PATH_TYPE, help="Folder [runs/whatif-RUN].")
@@ -431,11 +441,11 @@ def whatif(
         drawing.begin(load_drawing)
         rig = () if on is None else (f"parameters={on}",)
         changes = branches_of(settings, branches)
+        folder = check_writable(out or RUNS_FOLDER / f"whatif-{run_name(run)}")
         moment = moment_of(run, at, settings=rig, branches=changes, **log)
         found = futures(moment, lasting, changes)
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
-        folder = check_writable(out or RUNS_FOLDER / f"whatif-{run_name(run)}")
         write(moment, found, folder, drawing)
     for note in moment.notes:
         warn(note)

@@ -24,7 +24,8 @@ from twin.devices.akd.decoding import HOST, Conversation, TracedEvent
 from twin.devices.akd.object_names import PLACE, SPEED, Names
 from twin.devices.akd.pdo_table import Series
 from twin.devices.akd.trace_files.frames import BusFrame
-from twin.emulator.can_bus import EmulatedBus, message
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.direct_bus import message
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import AbortError, Frame
 

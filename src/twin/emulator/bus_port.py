@@ -2,76 +2,23 @@
 
 from __future__ import annotations
 
-import ipaddress
-import re
 from collections import deque
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import can
 
-from twin.base.errors import RigError, nearest, one_line
+from twin.base.errors import RigError, one_line
 from twin.devices.common import error_number, in_words
-from twin.emulator.can_bus import EmulatedBus, Passing, message, nothing
+from twin.emulator.bus_name import BusName
+from twin.emulator.can_bus import EmulatedBus, Passing, nothing
+from twin.emulator.direct_bus import message
 from twin.emulator.drive_objects import Frame
-
-PSEUDO_TERMINAL = "slcan"
-"""Name of the bus that is an adapter of the emulator's own, on a pseudo-terminal."""
 
 _SYNC_ID = 0x080
 _OWN_FRAMES = 256
 """Frames of its own that a bus may still bring back."""
 _MAX_FRAMES = 1024
 """Frames that are taken at once."""
-
-
-class BusName(NamedTuple):
-    """A bus as python-can names it.
-
-    Attributes:
-        interface: Its interface, as ``socketcan``.
-        channel: Its channel; empty for the interface's own.
-        port: IP port of ``udp_multicast``; None for its own.
-    """
-
-    interface: str
-    channel: str = ""
-    port: int | None = None
-
-    def __str__(self) -> str:
-        port = "" if self.port is None else f"@{self.port}"
-        return f"{self.interface}:{self.channel}{port}" if self.channel else self.interface
-
-
-def parse_bus(text: str) -> BusName:
-    """The bus of a text: ``INTERFACE:CHANNEL``, an interface alone, or ``vcan0``.
-
-    The channel of ``udp_multicast`` is an address, or an address and a port, ``ADDRESS@PORT``:
-    on one computer groups of the same port hear each other.
-
-    Raises:
-        RigError: python-can has no such interface, or the channel cannot be one of it.
-    """
-    if re.fullmatch(r"v?can\d+", text):
-        return BusName("socketcan", text)
-    interface, _, channel = text.partition(":")
-    if interface not in can.VALID_INTERFACES:
-        near = nearest(interface, sorted(can.VALID_INTERFACES))
-        raise RigError(f"--bus {text}: unknown CAN interface {interface!r}{near}")
-    if interface != "udp_multicast" or not channel:
-        return BusName(interface, channel)
-    group, at, port = channel.partition("@")
-    if not _is_multicast(group):
-        raise RigError(f"--bus {text}: not an IP multicast address; one is 239.74.163.2")
-    if at and not (port.isdecimal() and 1024 <= int(port) <= 65535):
-        raise RigError(f"--bus {text}: the port must be 1024 to 65535")
-    return BusName(interface, group, int(port) if at else None)
-
-
-def _is_multicast(text: str) -> bool:
-    try:
-        return ipaddress.ip_address(text).is_multicast
-    except ValueError:
-        return False
 
 
 def open_bus(name: BusName) -> can.BusABC:

@@ -22,11 +22,12 @@ from twin.devices.lumio.config import HID_PANELS, LumioConfig, ScreenError, Tran
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
-from twin.emulator.can_bus import DirectBus, EmulatedBus
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.direct_bus import DirectBus
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol, ScreenLine
-from twin.emulator.serve import EmulatedPlant
+from twin.emulator.serve import BALL_TIMEOUT_S, EmulatedPlant
 from twin.hal.interface import PoweredScreen, Touch
 from twin.hal.supervisor import State
 from twin.run.controller_building import build_limits
@@ -147,10 +148,6 @@ class TrueMotion(NamedTuple):
     def speed(self) -> Array:
         """The larger plate rate of both axes in rad/s, shape (n,)."""
         return np.asarray(np.abs(self.rate).max(axis=1))
-
-
-BALL_TIMEOUT_S = 1.0
-"""Time in s that a rig in lockstep waits for the ball."""
 
 
 class LockstepDrives:

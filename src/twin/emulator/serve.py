@@ -30,7 +30,7 @@ from controllers.ballplate import time_constant
 from twin.base.errors import RigError
 from twin.base.jobs import let_go, spawn
 from twin.base.settings import from_scenarios
-from twin.emulator.bus_port import BusName
+from twin.emulator.bus_name import BusName
 from twin.emulator.can_bus import (
     PseudoTerminal,
     check_pseudo_terminals,
@@ -65,6 +65,8 @@ LONGER_GAP_PROBABILITY = 1e-8
 """Probability that more frames of a screen in a row are lost than the limits of its host allow."""
 NOTICE_DELAY_S = 0.01
 """Longest time in s until a host notices a frame that has arrived."""
+BALL_TIMEOUT_S = 1.0
+"""Time in s that a host in lockstep with its emulated rig waits for the ball."""
 
 
 class Wiring(NamedTuple):

@@ -5,12 +5,15 @@ from __future__ import annotations
 import gc
 from collections.abc import Sequence
 from contextlib import ExitStack
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from twin.emulator.bus_port import BusName, BusPort
+from twin.emulator.bus_name import BusName
 from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanPort
 from twin.emulator.control import BusControl, ControlError
 from twin.emulator.node import EmulatedNode
+
+if TYPE_CHECKING:
+    from twin.emulator.bus_port import BusPort
 
 STARVED_LAG_S = 0.001
 """Lag in s of every hundredth round from which the emulator is too slow for periods of 2 ms."""
@@ -36,7 +39,7 @@ class VirtualBus:
     ) -> None:
         self.drives = list(drives)
         self.bus = EmulatedBus(self.drives)
-        self.adapter = SlcanPort(self.bus) if name is None else BusPort(self.bus, name)
+        self.adapter = SlcanPort(self.bus) if name is None else _bus_port(self.bus, name)
         self.server = BusServer(self.bus, self.adapter, step=step)
         self._control = BusControl(self.bus)
         self._open = ExitStack()
@@ -60,9 +63,9 @@ class VirtualBus:
     @property
     def place(self) -> BusName:
         """Where a host reaches the bus."""
-        if isinstance(self.adapter, BusPort):
-            return self.adapter.name
-        return BusName("slcan", str(self.adapter.path))
+        if isinstance(self.adapter, SlcanPort):
+            return BusName("slcan", str(self.adapter.path))
+        return self.adapter.name
 
     def control(self, line: str) -> str:
         """Do something to drives or bus while they run, by a line of `twin.emulator.control`.
@@ -90,3 +93,9 @@ class VirtualBus:
         p99, longest = late["p99_us"] / 1e3, late["max_us"] / 1e3
         starved = "; it starved, so answers came late" if p99 > 1e3 * STARVED_LAG_S else ""
         return f"emulated rig behind the clock: p99 {p99:.2f} ms, at most {longest:.1f} ms{starved}"
+
+
+def _bus_port(bus: EmulatedBus, name: BusName) -> BusPort:
+    from twin.emulator.bus_port import BusPort  # noqa: PLC0415  loads python-can
+
+    return BusPort(bus, name)

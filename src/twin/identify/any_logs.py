@@ -6,7 +6,7 @@ What is left out or assumed on the way becomes a note of the log.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,22 @@ import scipy
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
-from twin.identify.log_columns import AXIS_COLUMNS, ROLE_UNITS, ColumnWanted, unit_factor
-from twin.identify.log_tables import find_column, open_content, parse_numbers, split_content
-from twin.identify.samples import resolution, runs
+from twin.identify.log_columns import (
+    AXIS_COLUMNS,
+    ROLE_UNITS,
+    ROLES_OF_BOTH_AXES,
+    ROW_NAME,
+    ColumnWanted,
+    unit_factor,
+)
+from twin.identify.log_tables import (
+    counts_rows,
+    find_column,
+    open_content,
+    parse_numbers,
+    split_content,
+)
+from twin.identify.samples import are_copies, find_held, resolution, runs
 from twin.run.logs import UNIT_SCALES
 
 MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
@@ -33,6 +46,8 @@ REST_SPEED_M_S = 0.005
 """Speed in m/s below which a ball may as well rest."""
 MIN_JUMP_M = 0.004
 """Way in m at once before or after a repeated reading by which it is false or held."""
+MAX_ACCELERATION_M_S2 = 2.0
+"""Acceleration of a ball in m/s^2 up to which its way between two samples is no jump."""
 
 
 def read_any(
@@ -57,6 +72,10 @@ def read_any(
     times: dict[str, Array] = {}
     roles: dict[int, str] = {}
     for role, column in wanted.items():
+        if role == "time" and counts_rows(header, column):
+            columns[role] = _number_rows(path.name, column, max(map(len, cells), default=0))
+            units[role] = "s"
+            continue
         index, unit = find_column(path.name, header, role, column)
         if (other := roles.setdefault(index, role)) != role:
             raise LogError(
@@ -80,13 +99,47 @@ def read_any(
             notes.append(
                 f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
             )
-        columns[role] = column.sign * factor * values
+        columns[role] = column.to_si(values, factor)
         if index in clocks:
             times[role] = clocks[index]
         counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
         units[role] = "count" if counted else ROLE_UNITS[role]
+    notes += _describe_copies(columns, wanted)
     rows = _on_one_clock(path.name, columns, times, notes)
     return _clean_log(path.name, rows, units, notes, merged=rows is not columns)
+
+
+def _number_rows(source: str, column: ColumnWanted, count: int) -> Array:
+    """Times of rows at a constant rate, from 0, shape (count,).
+
+    Raises:
+        LogError: If the rate is not given.
+    """
+    factor = unit_factor(column.unit, "s") if column.unit else None
+    if factor is None:
+        raise LogError(
+            f"{source}: time: give the rate of the rows, as time={ROW_NAME}:100Hz, or the time "
+            f"between two, as time={ROW_NAME}:10ms"
+        )
+    return column.sign * factor * np.arange(count)
+
+
+def _describe_copies(
+    columns: Mapping[str, Array], wanted: Mapping[str, ColumnWanted]
+) -> Iterator[str]:
+    """Columns that are the same for both axes in every row, in words.
+
+    Args:
+        columns: Role to values in SI units.
+        wanted: Role to column.
+    """
+    for role, other in ROLES_OF_BOTH_AXES:
+        if {role, other} <= columns.keys() and are_copies(columns[role], columns[other]):
+            yield (
+                f"{other}: {wanted[other].name} equals {wanted[role].name} ({role}) in every row: "
+                "a column that was written twice? Then one of them is not what it is called, and "
+                "what is fitted to it is wrong"
+            )
 
 
 def _on_one_clock(
@@ -114,7 +167,10 @@ def _on_one_clock(
         times = {k: each for k, each in times.items() if k != "time" and not shares_rows(each)}
     missing = [role for role in columns if role not in times]
     if missing and "time" not in columns:
-        raise LogError(f"{source}: {missing[0]} has no times; give time in --columns, too")
+        raise LogError(
+            f"{source}: {missing[0]} has no times; give time in --columns, too: a column, or for "
+            f"rows at a constant rate time={ROW_NAME}:100Hz"
+        )
     for role in missing:
         if len(columns[role]) != len(columns["time"]):
             raise LogError(
@@ -196,8 +252,8 @@ def _clean_log(
     if len(time) < 50 or not 2e-5 < step < MAX_COMMAND_GAP_S:
         hint = "; milliseconds? tell time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
         raise LogError(
-            f"{source}: {len(time)} usable rows, {step:.3g} s apart: at least 50 are needed, at "
-            f"most {MAX_COMMAND_GAP_S:g} s apart{hint}"
+            f"{source}: {plural(len(time), 'usable row')}, {step:.3g} s apart: at least 50 are "
+            f"needed, at most {MAX_COMMAND_GAP_S:g} s apart{hint}"
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
@@ -218,10 +274,19 @@ def _clean_log(
             "measured_x=NAME:mm"
         )
     seen &= np.isfinite(ball).all(axis=-1)
-    false = _find_false_samples(ball, seen)
+    rows = np.flatnonzero(seen)
+    repeats, period = find_held(ball[rows])
+    if repeats.any() and "age" not in columns:
+        seen[rows[repeats]] = False
+        notes.append(
+            f"the ball's position is new in one row of {period}: the rows between hold the last "
+            "one, and are left out"
+        )
+    false = _find_false_samples(ball, seen, sampled)
     if false.any():
         notes.append(
-            f"{int(false.sum())} ball positions left out: held, or far off their neighbours"
+            f"{plural(int(false.sum()), 'ball position')} left out: held, or far off their "
+            "neighbours"
         )
     shown = np.flatnonzero(seen & ~false)
     if len(shown) < 10:
@@ -355,11 +420,18 @@ def _speed(time: Array, place: Array) -> Array:
     return np.stack((even, np.where(np.abs(speed) > REST_SPEED_M_S, np.abs(speed), 0.0)))
 
 
-def _find_false_samples(ball: Array, seen: Mask) -> Mask:
+def _find_false_samples(ball: Array, seen: Mask, sampled: Array) -> Mask:
     """Samples that repeat an earlier one or show no ball, shape (K,).
 
     A reading that repeats before or after a jump is a value held while no ball was detected; a
-    ball at rest does not jump. Single false ones are found by the median of their neighbours.
+    ball at rest does not jump. Up to four false ones in sequence are far off the median of their
+    neighbours, and come or go at once; so is the ball where it turns, seen by a slow camera, but
+    its velocity changes no faster than a ball accelerates.
+
+    Args:
+        ball: Positions in m, shape (K, A).
+        seen: Rows with one, shape (K,).
+        sampled: When they were taken, s, shape (K,).
     """
     false = np.zeros_like(seen)
     at = np.flatnonzero(seen)
@@ -368,7 +440,8 @@ def _find_false_samples(ball: Array, seen: Mask) -> Mask:
     here = ball[at]
     grid = max(resolution(here[:, axis]) for axis in range(here.shape[1]))
     usual = np.median(np.abs(np.diff(here, n=2, axis=0)), axis=0).max()
-    jump = max(MIN_JUMP_M, 2.5 * grid, 8 * usual)
+    turn = MAX_ACCELERATION_M_S2 * float(np.median(np.diff(sampled[at]))) ** 2
+    jump = max(MIN_JUMP_M, 2.5 * grid, 8 * usual, turn / 2)
     step = np.concatenate((np.abs(np.diff(here, axis=0)).max(axis=1), [0.0]))
     for first, stop in runs(np.asarray(step[:-1] == 0)):
         after = step[stop]
@@ -378,5 +451,9 @@ def _find_false_samples(ball: Array, seen: Mask) -> Mask:
     at = np.flatnonzero(seen & ~false)
     here = ball[at]
     off = np.abs(here - scipy.ndimage.median_filter(here, size=(9, 1), mode="nearest")).max(axis=1)
-    false[at[off > np.maximum(jump, 3 * np.percentile(off, 90))]] = True
+    far = np.asarray(off > np.maximum(jump, 3 * np.percentile(off, 90)))
+    bend = np.abs(np.diff(here, n=2, axis=0, prepend=here[:1], append=here[-1:])).max(axis=1)
+    for first, stop in runs(far):
+        if bend[max(first - 1, 0) : stop + 1].max() > turn:
+            false[at[first:stop]] = True
     return false

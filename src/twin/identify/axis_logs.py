@@ -169,15 +169,17 @@ class AnyLog:
             far = float(np.percentile(np.abs(own.ball), 99))
             if far > half[k]:
                 low, high = np.percentile(own.ball, (1, 99))
-                middle, beside = (low + high) / 2, ""
+                middle, elsewhere = (low + high) / 2, ""
                 if high - low <= 2 * half[k]:
-                    beside = (
-                        f", or its zero is not the plate's middle: it moves about {middle:.2g} m"
+                    elsewhere = (
+                        f", or its zero is not the plate's middle: it moves about {middle:.2g} m; "
+                        "state the column's number in the middle of the plate, as "
+                        f"{AXIS_COLUMNS[axis][0]}=NAME:mm@60"
                     )
                 raise LogError(
                     f"{self.source}: {AXIS_COLUMNS[axis][0]}: reaches {far:.3g} m, the plate ends "
                     f"at {half[k]:.3g} m: a wrong unit, or a different rig (--on, plant.size)"
-                    f"{beside}"
+                    f"{elsewhere}"
                 )
             ball[:, k] = own.ball[newest]
             if own.held:

@@ -28,8 +28,15 @@ def predict_axis(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) 
         log: The axis, held out.
         fit: The model.
         at: When predictions begin.
-        follow: Whether to predict with a followed level and without friction as well.
+        follow: Whether to predict without friction as well, and with a level that is followed while
+            that has predicted better.
     """
+    found = predict_by_levels(log, fit, at, follow=follow)
+    return choose_level(found) if follow else found
+
+
+def predict_by_levels(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> Predicted:
+    """Predictions as of ``predict_axis``, with a level that is followed at all times."""
     how, hold_out = fit.how.prediction, fit.how.hold_out
     log = replace(log, across=log.across * fit.log.across[1].any())
     theta, tilt = fit.found.theta, TiltHistory(log, fit.problem.tilt.scale)
@@ -53,10 +60,8 @@ def predict_axis(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) 
             by[who] = np.repeat(theta[:, None], len(at), axis=1)
             if name in fit.problem.names:
                 by[who][..., fit.problem.names.index(name)] = values
-    found = predict_windows(_prediction_problem(log, fit, at), hold_out.lead_s, by, "x", hold_out)[
-        "x"
-    ]
-    return _choose_level(found) if follow else found
+    problem = _prediction_problem(log, fit, at)
+    return predict_windows(problem, hold_out.lead_s, by, "x", hold_out)["x"]
 
 
 def _prediction_problem(log: AxisLog, fit: AxisFit, at: Array) -> AxisProblem:
@@ -165,7 +170,7 @@ def fit_to_predictions(
     return np.asarray(found.x[None])
 
 
-def _choose_level(found: Predicted) -> Predicted:
+def choose_level(found: Predicted) -> Predicted:
     """The level followed only while that has predicted better, in what had been seen by then."""
     gained = [
         np.log(np.maximum(np.abs(found.errors(name, 1.0)), 1e-4)) for name in PREDICTOR_NAMES[:2]

@@ -15,7 +15,11 @@ _WORDS = {
 """Kind of words to the words in small letters, see the file."""
 NUMBERINGS = ("012345", "123456", "abcdef", "uv")
 """Letters and digits that number columns: the first is along x, the second along y."""
-WEAK_NAMES = {frozenset({"r"}): ("measured", 0.4), frozenset({"output"}): ("command", 0.4)}
+WEAK_NAMES = {
+    frozenset({"r"}): ("measured", 0.4),
+    frozenset({"output"}): ("command", 0.4),
+    frozenset({"mv"}): ("command", 0.4),  # manipulated variable; elsewhere millivolts
+}
 """Words that often mean something else: kind and weight of a column without any other word."""
 SINGLE_NAMES = {
     "time": re.compile(r"x_value"),  # of LabVIEW

@@ -9,7 +9,7 @@ from twin.base.errors import plural
 from twin.identify.axis_logs import AxisLog
 from twin.identify.first_look import (
     FirstLook,
-    find_possible_levers,
+    find_possible_linkages,
     join_looks,
     look_at_any_motion,
     look_at_rolling_in_several_ways,
@@ -22,12 +22,13 @@ from twin.identify.verdicts import (
     PLAIN_VERDICT,
     ParameterVerdict,
 )
+from twin.identify.weak_form import WEAK_FORM, WeakForm
 
 PLAIN_WHY = "by a plain model, whose variants its interval holds"
 """Reason of a verdict by windows of any motion."""
 ROLLING_WHY = (
     "by short windows of a ball that rolls in one direction; the interval holds several lengths of "
-    "them, with camber and without, and levers"
+    "them, with camber and without, levers and plays"
 )
 """Reason of a verdict by windows between end stops."""
 NAMES = {"damping": "viscous"}
@@ -39,22 +40,27 @@ OPEN_WHY = "the full model leaves the gain open, and the model that shows it has
 
 
 def assess_plainly(
-    log: AxisLog, axis: str, unit: str, verdicts: Sequence[ParameterVerdict]
+    log: AxisLog,
+    axis: str,
+    unit: str,
+    verdicts: Sequence[ParameterVerdict],
+    form: WeakForm = WEAK_FORM,
 ) -> tuple[list[ParameterVerdict], list[str]]:
     """Verdicts with those of first looks where the full model leaves the gain open.
 
     Without end stops the windows hold any motion. The intervals then hold what windows of several
-    lengths give, with damping and without, with friction, camber and every lever that explains
-    them, and what those windows alone give in which the ball hardly rests: as far as these differ,
-    a model is in error, or the log does not show the gain. Between end stops shorter windows, of a
-    ball that rolls in one direction, give friction and camber instead of damping; the intervals
-    hold what several lengths of these give, with camber and without, and with levers.
+    lengths give, with damping and without, with friction, camber and every lever and play that
+    explains them, and what those windows alone give in which the ball hardly rests: as far as these
+    differ, a model is in error, or the log does not show the gain. Between end stops shorter
+    windows, of a ball that rolls in one direction, give friction and camber instead of damping; the
+    intervals hold what several lengths of these give, with camber and without, levers and plays.
 
     Args:
         log: The axis.
         axis: x or y.
         unit: Unit of the tilt.
         verdicts: Of the full model.
+        form: Constants of the looks.
 
     Returns:
         All verdicts, and a note on what was done.
@@ -62,9 +68,9 @@ def assess_plainly(
     words = {each.name: each.word for each in verdicts}
     if words[f"gain_{axis}"] == IDENTIFIED_VERDICT:
         return list(verdicts), []
-    levers = find_possible_levers(log)
-    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, levers)
-    first, found = join_looks(rolling or look_at_any_motion(log, levers)), {}
+    tried = find_possible_linkages(log)
+    rolling = log.stops is not None and look_at_rolling_in_several_ways(log, tried, form)
+    first, found = join_looks(rolling or look_at_any_motion(log, tried, form)), {}
     if first is None:
         return list(verdicts), []
     why = PLAIN_WHY if first.plain else ROLLING_WHY
@@ -114,15 +120,15 @@ def _describe_look(look: FirstLook, axis: str) -> str:
             f"{begin}. A ball that rolls in one direction between end stops shows it by the weak "
             f"form: gain, dead time + lag, {terms} are those of its motion, "
             f"{share:.0f} % of which they explain in {windows}; dead time from lag, "
-            "damping from friction, and play or dead band are not told apart. The intervals hold "
-            "what windows of several lengths give, with camber and without, and with each lever "
-            "that explains them"
+            "damping from friction, and play from dead band are not told apart. The intervals "
+            "hold what windows of several lengths give, with camber and without, and with each "
+            "lever and play that explains them"
         )
     return (
         f"{begin}: its terms make up for each other, or it is in error. A plain model by the weak "
         f"form shows it: gain, dead time + lag, {terms} are those of this model, which explains "
         f"{share:.0f} % of the motion in {windows}; dead time from lag, friction from "
-        "damping, and play or dead band are not told apart. The intervals hold what the model "
-        "gives with damping, with friction and camber, with each lever that explains the log, "
-        "and by windows in which the ball hardly rests"
+        "damping, and play from dead band are not told apart. The intervals hold what the model "
+        "gives with damping, with friction and camber, with each lever and play that explains the "
+        "log, and by windows in which the ball hardly rests"
     )

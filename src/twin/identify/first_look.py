@@ -8,8 +8,9 @@ in error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -20,7 +21,14 @@ from twin.base.page import digits
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS
-from twin.identify.weak_form import WEAK_FORM, WeakForm, WeakGrid, WeakWindows, make_grids
+from twin.identify.weak_form import (
+    WEAK_FORM,
+    Linkage,
+    WeakForm,
+    WeakGrid,
+    WeakWindows,
+    make_grids,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +55,11 @@ class FirstLook:
         drift: By how much the clock of the positions is faster than that of the commands.
         drift_std: Its standard deviation.
         terms: What the model has next to gain, delay and level: damping, friction, camber.
+        linkage: Lever and play that it is made with.
         residuals: Of the equation in all windows of this kind and length, shape (R,).
         kept: Those that are used; others are outliers, shape (R,).
-        variants: Looks by other windows, terms and levers. How far they differ from this one is how
-            far its model is in error, or the log leaves a number open.
+        variants: Looks by other windows, terms, levers and plays. How far they differ from this one
+            is how far its model is in error, or the log leaves a number open.
     """
 
     gain: float
@@ -72,6 +81,7 @@ class FirstLook:
     drift: float
     drift_std: float
     terms: tuple[str, ...]
+    linkage: Linkage
     residuals: Array = field(repr=False, compare=False)
     kept: Mask = field(repr=False, compare=False)
     variants: tuple[FirstLook, ...] = field(default=(), repr=False, compare=False)
@@ -109,9 +119,9 @@ class FirstLook:
         gain, delay, level = (" to ".join(digits(end, places=3) for end in span) for span in spans)
         return (
             f"first look, {axis}: gain {gain} m/s^2 by {unit} (best {digits(self.gain)}), "
-            f"dead time + lag, and what play adds, {delay} s, level {level} m/s^2, from "
+            f"dead time + lag {delay} s, level {level} m/s^2, from "
             f"{plural(self.windows, 'window')} {rolls}{without}; these 95 % intervals hold windows "
-            f"of several lengths, friction, camber and the height of the ball{ends}"
+            f"of several lengths, friction, camber, play and the height of the ball{ends}"
         )
 
 
@@ -122,17 +132,34 @@ def look_first(log: AxisLog, how: WeakForm = WEAK_FORM) -> FirstLook | None:
         log: The axis.
         how: Constants.
     """
-    levers = find_possible_levers(log)
-    looks = look_at_rolling_in_several_ways(log, levers, how)
-    return join_looks(looks or look_at_any_motion(log, levers, how))
+    tried = find_possible_linkages(log)
+    looks = look_at_rolling_in_several_ways(log, tried, how)
+    return join_looks(looks or look_at_any_motion(log, tried, how))
 
 
-def find_possible_levers(log: AxisLog) -> Sequence[float]:
-    """Levers in m of a log: all that a rig may have, or a given one within a ruler's error."""
+@dataclass(frozen=True)
+class TriedLinkages:
+    """Linkages that are tried for a log.
+
+    Attributes:
+        levers: Rising, m; that of the log is one of them.
+        plays: Half the widths of a gap, rising from none, in swings of the tilt.
+    """
+
+    levers: Sequence[float] = (0.0,)
+    plays: Sequence[float] = (0.0,)
+
+
+def find_possible_linkages(log: AxisLog) -> TriedLinkages:
+    """All that a rig may have: any lever, or a given one within a ruler's error; and any play.
+
+    No play lies between a measured angle and the ball.
+    """
+    plays = PLAIN_PARAMETERS["play"].tried if log.held else (0.0,)
     if log.lever is None:
-        return PLAIN_PARAMETERS["lever"].tried
+        return TriedLinkages(PLAIN_PARAMETERS["lever"].tried, plays)
     error = 2 * AXIS_FITTING.drives.height_std_m
-    return (log.lever - error, log.lever, log.lever + error)
+    return TriedLinkages((log.lever - error, log.lever, log.lever + error), plays)
 
 
 def join_looks(looks: Sequence[FirstLook]) -> FirstLook | None:
@@ -178,90 +205,116 @@ def _look(
     """A look by windows of one kind and length; None if they do not show anything."""
     for grid in make_grids(log, (window_s,), how):
         if windows := WeakWindows.of(grid, rolling=rolling):
-            return _look_at(windows, terms, grid.lever)
+            return _look_at(windows, terms, grid.linkage)
     return None
 
 
-def look_linearly(grids: Sequence[WeakGrid]) -> list[FirstLook]:
-    """The plain linear model of an axis by windows of several lengths, with damping and without.
+def look_linearly(windows: WeakWindows) -> list[FirstLook]:
+    """The plain linear model of an axis, with damping and without, the better one first.
 
-    The first is the best: with damping only where it is significant. No damping is negative. How
-    far they differ is how far the model is in error.
+    With damping only where it is significant. No damping is negative. How far the two differ is how
+    far the model is in error.
 
     Args:
-        grids: Of a log, one for each length.
+        windows: Of any motion.
     """
-    found = []
-    for windows in _find_windows(grids):
-        both = [_look_at(windows, terms, windows.grid.lever) for terms in (("damping",), ())]
-        each = [look for look in both if look and look.damping >= 0]
-        least = windows.grid.how.min_damping_stds
-        weak = len(each) > 1 and each[0].damping < least * each[0].damping_std
-        found += each[::-1] if weak else each
-    return found
+    both = [_look_at(windows, terms, windows.grid.linkage) for terms in (("damping",), ())]
+    found = [look for look in both if look and look.damping >= 0]
+    least = windows.grid.how.min_damping_stds
+    weak = len(found) > 1 and found[0].damping < least * found[0].damping_std
+    return found[::-1] if weak else found
 
 
-def look_at_moving(grids: Sequence[WeakGrid], levers: Sequence[float]) -> list[FirstLook]:
+def look_at_moving(grids: Sequence[WeakGrid], tried: TriedLinkages) -> list[FirstLook]:
     """Looks by windows of any motion in which the ball hardly rests.
 
     Friction of a ball at rest balances the tilt, and so makes the gain of other windows small.
 
     Args:
         grids: Of a log, one for each length.
-        levers: Those that are tried, rising, m; that of the log is one of them.
+        tried: Linkages.
     """
     looks = list[FirstLook]()
     for grid in grids:
         for share in grid.how.moving_slow_shares:
             if windows := WeakWindows.of(grid, rolling=False, max_slow_share=share):
-                looks += _look_with_friction(windows, levers)
-                damped = _look_at(windows, ("damping",), grid.lever)
+                looks += _look_with_friction(windows, tried)
+                damped = _look_at(windows, ("damping",), grid.linkage)
                 looks += [damped] if damped and damped.damping >= 0 else []
     return looks
 
 
-def look_with_levers(grids: Sequence[WeakGrid], levers: Sequence[float]) -> list[FirstLook]:
-    """Looks with friction and camber by windows of any motion, with levers that explain them.
+def look_with_linkages(
+    windows: WeakWindows,
+    tried: TriedLinkages,
+    known: Mapping[Linkage, FirstLook | None] = MappingProxyType({}),
+) -> list[FirstLook]:
+    """Looks with friction and camber, with the levers and plays that explain the windows.
 
     The plate's acceleration moves a ball that is a lever above its axis: x'' = gain (u - lever u''
-    / g). Where a log hardly shows the lever, it does not show the gain of a quick motion either.
+    / g). Behind a gap the plate moves by less than the command, and later. Where a log hardly shows
+    these, it does not show the gain either. Levers are tried without play, then plays with the best
+    of these levers, and levers with the best of these plays where that is significant.
 
     Args:
-        grids: Of a log, one for each length.
-        levers: Those that are tried, rising, m.
+        windows: Of one kind.
+        tried: Linkages.
+        known: Looks that are not repeated, by their linkages.
 
     Returns:
-        For windows of each length the looks whose lever no likelihood ratio rejects and those next
-        to them, as the true lever lies between two; the best one first.
+        The looks with a linkage that no likelihood ratio rejects, and with those next to it, as the
+        true one lies between two; the best one first.
     """
-    found = []
-    for windows in _find_windows(grids):
-        every = [_look_at(windows, ("friction", "camber"), lever) for lever in levers]
-        found += _keep_possible(every, windows.grid.how)
-    return found
+    looks, lines = dict(known), list[list[Linkage]]()
+    most = windows.grid.how.max_likelihood_ratio
+
+    def look_along(line: list[Linkage]) -> dict[Linkage, float]:
+        """Misfits of all linkages so far, with those of a line; none without any look."""
+        lines.append(line)
+        for each in line:
+            if each not in looks:
+                looks[each] = _look_at(windows, ("friction", "camber"), each)
+        every = list(looks.values())
+        return dict(zip(looks, find_misfits(every).tolist(), strict=True)) if any(every) else {}
+
+    misfits = look_along([Linkage(each) for each in tried.levers])
+    own = min(misfits, key=misfits.__getitem__, default=windows.grid.linkage)
+    misfits = look_along([own._replace(play=each) for each in tried.plays])
+    best = min(misfits, key=misfits.__getitem__, default=own)
+    if misfits and misfits[best] + most < misfits[own]:
+        misfits = look_along([best._replace(lever=each) for each in tried.levers])
+    near = set[Linkage]()
+    for line in lines if misfits else ():
+        may_be = [misfits[each] < min(misfits.values()) + most for each in line]
+        near |= {
+            line[k]
+            for k in np.flatnonzero(maximum_filter1d(np.array(may_be, np.uint8), 3, mode="nearest"))
+        }
+    possible = sorted(near, key=lambda each: misfits[each])
+    return [look for each in possible if (look := looks[each])]
 
 
 def look_at_any_motion(
-    log: AxisLog, levers: Sequence[float], how: WeakForm = WEAK_FORM
+    log: AxisLog, tried: TriedLinkages, how: WeakForm = WEAK_FORM
 ) -> list[FirstLook]:
     """Looks by windows of any motion, first the one that explains them best for its terms.
 
-    With damping and without, with friction, camber and the levers that explain them, and by those
+    With damping and without, with friction, camber and the linkages that explain them, and by those
     windows alone in which the ball hardly rests. How far they differ is how far a model is in
     error, or the log does not show a number. Where the ball sticks in most windows, those in which
     it hardly rests come first, and there is no look without them.
 
     Args:
         log: The axis.
-        levers: Those that are tried, rising, m.
+        tried: Linkages.
         how: Constants.
     """
     grids, found, sticks = make_grids(log, how.plain_windows_s, how), list[FirstLook](), False
-    for windows in _find_windows(grids):
-        linear, rubbed = look_linearly([windows.grid]), look_with_levers([windows.grid], levers)
-        found += _put_best_first(linear, rubbed, known=log.lever is not None)
-        sticks = sticks or windows.sticks
-    moving = look_at_moving(grids, levers)
+    for grid in grids:
+        if windows := WeakWindows.of(grid, rolling=False):
+            found += _put_best_first(look_linearly(windows), look_with_linkages(windows, tried))
+            sticks = sticks or windows.sticks
+    moving = look_at_moving(grids, tried)
     # damping does not stand for what holds a ball
     return (
         sorted(moving, key=lambda look: "friction" not in look.terms) if sticks else found + moving
@@ -269,60 +322,57 @@ def look_at_any_motion(
 
 
 def look_at_rolling_in_several_ways(
-    log: AxisLog, levers: Sequence[float], how: WeakForm = WEAK_FORM
+    log: AxisLog, tried: TriedLinkages, how: WeakForm = WEAK_FORM
 ) -> list[FirstLook]:
     """Looks at a ball that rolls in one direction by windows of several lengths, the usual first.
 
-    Each with friction and camber, without camber, and with the levers that explain them. How far
+    Each with friction and camber, without camber, and with the linkages that explain them. How far
     they differ is how far the model is in error.
 
     Args:
         log: The axis.
-        levers: Those that are tried, rising, m; that of the log is one of them.
+        tried: Linkages.
         how: Constants.
     """
     found = []
     for grid in make_grids(log, (how.window_s, *how.rolling_windows_s), how):
         if windows := WeakWindows.of(grid, rolling=True):
-            found += _look_with_friction(windows, levers, (("friction",),))
+            found += _look_with_friction(windows, tried, (("friction",),))
     return found
 
 
 def _look_with_friction(
-    windows: WeakWindows, levers: Sequence[float], others: Sequence[tuple[str, ...]] = ()
+    windows: WeakWindows, tried: TriedLinkages, others: Sequence[tuple[str, ...]] = ()
 ) -> list[FirstLook]:
-    """Looks with friction and camber and the levers that explain the windows, the best one first.
+    """Looks with friction and camber and the linkages that explain the windows, the best one first.
 
     Args:
         windows: Of one kind.
-        levers: Those that are tried, rising, m; that of the log is one of them.
-        others: Further terms, which are tried with the lever of the log.
+        tried: Linkages.
+        others: Further terms, which are tried with the linkage of the log.
     """
-    lever, how = windows.grid.lever, windows.grid.how
-    every = [_look_at(windows, ("friction", "camber"), each) for each in levers]
-    usual = [every[levers.index(lever)], *(_look_at(windows, terms, lever) for terms in others)]
-    known = windows.grid.log.lever is not None
-    return _put_best_first([*filter(None, usual)], _keep_possible(every, how), known=known)
+    own, several = windows.grid.linkage, (("friction", "camber"), *others)
+    usual = [_look_at(windows, terms, own) for terms in several]
+    linked = look_with_linkages(windows, tried, {own: usual[0]})
+    return _put_best_first([*filter(None, usual)], linked)
 
 
-def _put_best_first(
-    usual: list[FirstLook], with_levers: list[FirstLook], *, known: bool
-) -> list[FirstLook]:
+def _put_best_first(usual: list[FirstLook], with_linkages: list[FirstLook]) -> list[FirstLook]:
     """Looks at the same windows, those first whose first one explains them best for its terms.
 
-    By Bayes's information criterion. A lever that is not known is a term as well.
+    By Bayes's information criterion. A lever or play that the others lack is a term as well.
 
     Args:
-        usual: Without a lever, or with the known one.
-        with_levers: With those that are possible.
-        known: Whether the lever is.
+        usual: With the linkage of the log.
+        with_linkages: With those that are possible.
     """
-    if not usual or not with_levers:
-        return usual + with_levers
-    pair = usual[0], with_levers[0]
-    terms = np.array([len(pair[0].terms), len(pair[1].terms) + (not known)])
-    plain, levered = find_misfits(pair) + terms * np.log(min(each.windows for each in pair))
-    return usual + with_levers if plain <= levered else with_levers + usual
+    if not usual or not with_linkages:
+        return usual + with_linkages
+    pair = usual[0], with_linkages[0]
+    more = np.not_equal(pair[1].linkage, pair[0].linkage).sum()
+    terms = np.array([len(pair[0].terms), len(pair[1].terms) + more])
+    plain, linked = find_misfits(pair) + terms * np.log(min(each.windows for each in pair))
+    return usual + with_linkages if plain <= linked else with_linkages + usual
 
 
 def find_misfits(looks: Sequence[FirstLook | None]) -> Array:
@@ -346,37 +396,15 @@ def find_misfits(looks: Sequence[FirstLook | None]) -> Array:
     )
 
 
-def _find_windows(grids: Sequence[WeakGrid]) -> Iterator[WeakWindows]:
-    """Windows of any motion of each grid that has enough of them."""
-    for grid in grids:
-        if windows := WeakWindows.of(grid, rolling=False):
-            yield windows
-
-
-def _keep_possible(every: Sequence[FirstLook | None], how: WeakForm) -> list[FirstLook]:
-    """Of looks with rising levers those no likelihood ratio rejects and their neighbours, sorted.
-
-    Args:
-        every: The looks, None where there is none.
-        how: Constants.
-    """
-    if not any(every):
-        return []
-    misfits = find_misfits(every)
-    may_be = (misfits - misfits.min() < how.max_likelihood_ratio).astype(np.uint8)
-    near = maximum_filter1d(may_be, 3, mode="nearest") > 0
-    return [look for k in np.argsort(misfits).tolist() if near[k] and (look := every[k])]
-
-
-def _look_at(windows: WeakWindows, terms: tuple[str, ...], lever: float) -> FirstLook | None:
-    """The look of some terms with a lever in m; None if the windows do not show it.
+def _look_at(windows: WeakWindows, terms: tuple[str, ...], linkage: Linkage) -> FirstLook | None:
+    """The look of some terms with a linkage; None if the windows do not show it.
 
     Args:
         windows: Of one kind.
         terms: Terms next to gain, delay and level: damping, friction, camber.
-        lever: m.
+        linkage: Lever and play.
     """
-    grid, found, how = windows.grid, windows.solve(terms, lever), windows.grid.how
+    grid, found, how = windows.grid, windows.solve(terms, linkage), windows.grid.how
     if found is None:
         return None
     enough = found.independent >= how.min_windows
@@ -390,7 +418,7 @@ def _look_at(windows: WeakWindows, terms: tuple[str, ...], lever: float) -> Firs
     at_ends = 0.0
     if windows.rolling:
         # an end stop holds the ball against the tilt; where it only turns, the tilt pushes it back
-        tilt = grid.tilt.at(grid.time - found.delay, found.lag, 0.0, 0.0, 0.0, lever)
+        tilt = grid.tilt_at(grid.time - found.delay, found.lag, linkage)
         push = found.values[0] * tilt + value["level"] + value.get("camber", 0.0) * grid.ball
         low, high = windows.near
         at_ends = float(((low & (push < -rub)) | (high & (push > rub))).mean())
@@ -414,6 +442,7 @@ def _look_at(windows: WeakWindows, terms: tuple[str, ...], lever: float) -> Firs
         drift=found.drift[0],
         drift_std=found.drift[1],
         terms=terms,
+        linkage=linkage,
         residuals=found.residuals,
         kept=found.kept,
     )

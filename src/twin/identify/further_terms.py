@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,10 @@ from twin.identify.least_squares import estimate, fit_starts, minimise
 from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.plain_model import AxisFit
 
-FILTER_SHARES = (1 / 3, 2 / 3, 1.0)
-"""Shares of a lag that are tried as those of a filter of the positions."""
+FILTER_SHARES = (0.4, math.sqrt(0.5), 0.9, 1.0)
+"""Time constants of a filter of the positions that are tried, as shares of a lag."""
+MIN_LAG_SHARE = 0.3
+"""Smallest share of the lag from which a fit with a filter begins: no step leaves a lag of zero."""
 FILTER_SETTLES = 3.0
 """Time for which a filter still has its start, over the lag."""
 MAX_COST_RISE = 4.0
@@ -62,18 +65,20 @@ def find_significance(fit: AxisFit, name: str) -> float:
 
 
 def find_hidden_changes(fit: AxisFit) -> list[tuple[str, Array]]:
-    """What a fit may take for another gain, friction or damping, and by how much that changes them.
+    """What a fit may take for other values of its parameters, and by how much that changes them.
 
     A damping that is not fitted resembles friction. A friction that is larger at rest resembles
-    more friction and less damping. Each is a step of the fit with its term, within the interval of
-    that. A lag may be that of a filter of the positions, behind which a friction that turns looks
-    smoother: fits with such filters change the parameters as well, if they explain the log.
+    more friction and less damping; a ball that it holds moves later. Each is a step of the fit with
+    its term, within the interval of that. A lag may be that of a filter of the positions, behind
+    which a friction that turns looks smoother: fits with such filters change the parameters as
+    well, if they explain the log.
 
     Args:
         fit: Of an axis, P parameters.
 
     Returns:
-        What there may be, and changes that it may make, shape (N, P).
+        What there may be, and changes that it may make, shape (N, P + 1): of the parameters and,
+        last, of the whole delay, which a filter of the positions is part of.
     """
     names, theta, starts = fit.problem.names, fit.found.theta, fit.found.starts
     own = fit.problem.simulate_samples(theta, starts)[0][0, ..., 0]
@@ -89,41 +94,58 @@ def find_hidden_changes(fit: AxisFit) -> list[tuple[str, Array]]:
         damped = replace(fit.problem, names=(*names, "viscous"))
         changes = change(damped, np.append(theta, [[by]], axis=1), by)
         changes[:, [name != "friction" for name in names]] = 0.0
-        found.append(("a damping too small to be fitted", changes))
+        found.append(("a damping too small to be fitted", append_delay(changes, names)))
     by = PLAIN_PARAMETERS["friction"].difference
     each = [
         change(replace(fit.problem, sticking=(by, speed)), theta, by)
         for speed in STICKING_SPEEDS_M_S
     ]
-    found.append(("a friction that sticks", np.concatenate(each)))
+    found.append(("a friction that sticks", append_delay(np.concatenate(each), names)))
     if len(filtered := _change_by_filters(fit)):
         found.append(("a filter of the positions", filtered))
     return found
 
 
-def _change_by_filters(fit: AxisFit) -> Array:
-    """Changes of the P parameters where some of the lag is that of a filter, shape (N, P).
+def append_delay(changes: Array, names: tuple[str, ...]) -> Array:
+    """Changes of P parameters, shape (N, P), with that of the whole delay, shape (N, P + 1)."""
+    parts = [name in {"dead_time", "lag"} for name in names]
+    return np.column_stack((changes, changes[:, parts].sum(axis=1)))
 
-    Of N filters that explain the log as well as the best one of those tried, or none. The first
-    samples of each window, where a filter still has its start, do not count.
+
+def _change_by_filters(fit: AxisFit) -> Array:
+    """Changes where some of the lag is that of a filter of the positions, shape (N, P + 1).
+
+    Of N filters that explain the log as well as the best one of those tried, or none. A fit with a
+    filter tau begins where mean and variance of the response to an impulse are those of the fit
+    without: with a lag of sqrt(lag^2 - tau^2) and the same whole delay. Dead time and lag by
+    themselves are those before the filter, and not compared. Starts are fitted along with every
+    step: with those that a step merely shifts, a friction that turns the ball makes the cost rise,
+    and no step would be taken. The first samples of each window, where a filter still has its
+    start, do not count.
     """
-    lag = fit.value("lag") if "lag" in fit.problem.names else 0.0
+    names = fit.problem.names
+    lag = fit.value("lag") if "lag" in names else 0.0
     if not fit.log.held or lag < fit.problem.step:
-        return np.zeros((0, len(fit.problem.names)))
-    at, windows = fit.problem.names.index("lag"), fit.problem.windows
+        return np.zeros((0, len(names) + 1))
+    windows, pair = fit.problem.windows, [names.index(each) for each in ("dead_time", "lag")]
     settled = windows.time[..., None] > FILTER_SETTLES * lag
     problem = replace(fit.problem, windows=replace(windows, weight=windows.weight * settled))
-    fits, costs = list[Array](), list[float]()
+    delay, fits, costs = fit.found.theta[0, pair].sum(), list[Array](), list[float]()
     for share in (0.0, *FILTER_SHARES):
         behind, theta = replace(problem, filter_s=share * lag), fit.found.theta.copy()
-        theta[0, at] = (1 - share) * lag
+        rest = max(math.sqrt(1 - share**2), MIN_LAG_SHARE) * lag
+        theta[0, pair] = delay - share * lag - rest, rest
+        theta = np.clip(theta, *behind.bounds)
         starts = fit_starts(behind, theta, fit.found.starts, 4)
-        found = minimise(behind, theta, starts, 20, 3, control=fit.how.search.control).best(1)
+        found = minimise(behind, theta, starts, 20, 3, 2, fit.how.search.control).best(1)
         left = behind.linearise(found.theta, found.starts, slopes=False)
-        fits.append(found.theta[0])
+        fits.append(append_delay(found.theta, names)[0])
+        fits[-1][-1] += share * lag
         costs.append(float((left.r[0] ** 2).sum()))
     good = np.array(costs[1:]) < min(costs) + MAX_COST_RISE
-    return np.array(fits[1:])[good] - fits[0]
+    changes = np.array(fits[1:])[good] - fits[0]
+    changes[:, pair] = 0.0
+    return np.asarray(changes)
 
 
 def _change_by(fit: AxisFit, more: Array) -> Array:

@@ -1,7 +1,9 @@
 """Roles of the columns of a log of any rig, and which columns a person gives them.
 
 A column is given as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the third,
-``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
+``command_theta=-servo2:0.24deg`` with its sign turned and a factor, ``measured_x=far:mm@50`` with
+the number that it has at zero. Rows at a constant rate have the time ``time=row:100Hz``, by their
+number, or ``time=n:100Hz`` by a column that counts them.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from controllers.arrays import Array
 from twin.base.errors import LogError, suggest
 from twin.run.logs import UNIT_SCALES
 
@@ -29,8 +32,18 @@ ROLE_ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "
 """Other names of a role: the command of phi moves the ball along x."""
 AXIS_COLUMNS = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
+ROLES_OF_BOTH_AXES = (
+    ("measured_x", "measured_y"),
+    ("command_phi", "command_theta"),
+    ("measured_phi", "measured_theta"),
+)
+"""Roles of x and of y that are the same quantity."""
 COUNT_UNITS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
 """Units of a command other than angles."""
+ROW_NAME = "row"
+"""Stands for the number of the row, from 0, where no column has this name."""
+RATE_UNITS = {"Hz": 1.0, "kHz": 1e3}
+"""Units of a rate of rows, of which a time may be counted."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +51,20 @@ class ColumnWanted:
     """The column of a role, and the conversion of its numbers to SI.
 
     Attributes:
-        name: In the header, or its number from 1 on.
+        name: In the header, or its number from 1 on; ``ROW_NAME`` for a time by a rate.
         unit: As given; empty for the unit of the header, or SI if that has none.
         sign: 1 or -1.
+        zero: Number in the column that stands for zero, as of a sensor at one end of a tube.
     """
 
     name: str
     unit: str
     sign: float
+    zero: float = 0.0
+
+    def to_si(self, values: Array, factor: float) -> Array:
+        """Numbers of the column, shape (K,), in SI units of this factor, counted from zero."""
+        return self.sign * factor * (values - self.zero)
 
 
 def wanted_columns(text: str) -> dict[str, ColumnWanted]:
@@ -71,12 +90,18 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
         sign = -1.0 if name.startswith("-") and len(name) > 1 else 1.0
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
+        zero = 0.0
+        if name and "@" in unit:
+            unit, _, after = unit.partition("@")
+            zero = _number_at_zero(role, after)
         if unit and unit_factor(unit, ROLE_UNITS[role]) is None:
             known = ", ".join(filter(None, _unit_scales(ROLE_UNITS[role])))
+            rate = "; or the rate of rows, as 100Hz" if role == "time" else ""
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
+                f"{rate}"
             )
-        found[role] = ColumnWanted(name.strip(), unit, sign)
+        found[role] = ColumnWanted(name.strip(), unit.strip(), sign, zero)
     lacking: list[str] = []
     if not any(ball in found for ball, _ in AXIS_COLUMNS.values()):
         lacking.append("measured_x or measured_y")
@@ -88,12 +113,37 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     return found
 
 
+def _number_at_zero(role: str, text: str) -> float:
+    """The number that a column has where its quantity is zero.
+
+    Raises:
+        LogError: If it is no number, or the quantity has no zero to choose.
+    """
+    if role in ("age", "touched"):
+        raise LogError(f"--columns: {role}: @{text}: only positions, tilts and time have a zero")
+    try:
+        zero = float(text)
+    except ValueError:
+        zero = math.nan
+    if not math.isfinite(zero):
+        raise LogError(
+            f"--columns: {role}: @{text}: give the column's number at zero, as {role}=NAME:UNIT@50"
+        )
+    return zero
+
+
 def unit_factor(unit: str, si: str) -> float | None:
-    """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none."""
+    """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none.
+
+    Of a time it may be the rate of what it counts, as ``100Hz``.
+    """
     unit = unit.replace("°", "deg").replace("µ", "u")
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
     if match is None:
         return None
+    if si == "s" and match[1] and match[2] in RATE_UNITS:
+        rate = unit_factor(match[1], "1")
+        return 1 / (rate * RATE_UNITS[match[2]]) if rate else None
     scale = _unit_scales(si).get(match[2], 1.0 if match[1] and not match[2] else None)
     try:
         factor = float(match[1] or 1.0) * (scale or 0.0)

@@ -13,7 +13,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError, plural, suggest
 from twin.base.foreign import decode_text
-from twin.identify.log_columns import ROLE_UNITS, ColumnWanted, unit_factor
+from twin.identify.log_columns import ROLE_UNITS, ROW_NAME, ColumnWanted, unit_factor
 from twin.identify.text_forms import plain_lines
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import NEEDED_COLUMNS, SECOND_AXIS_COLUMNS, split_unit
@@ -118,6 +118,17 @@ def find_column(source: str, header: list[str], role: str, column: ColumnWanted)
     raise LogError(f"{source}: {role}: no column {column.name}{meant} (it has {has})")
 
 
+def counts_rows(header: list[str], column: ColumnWanted) -> bool:
+    """Whether the column of a time stands for the number of the row: none of a header has its name.
+
+    Args:
+        header: The names of the columns; empty without any.
+        column: The column of the time.
+    """
+    known = {name for names in _name_columns(header) for name in names}
+    return column.name == ROW_NAME and ROW_NAME not in known
+
+
 TIME_OF_DAY = re.compile(
     r"(?:(?P<days>\d+) days? )?"
     r"(?:(?P<day>\d{1,2})(?P<sign>[./])(?P<month>\d{1,2})(?P=sign)(?P<year>\d{4}),? )?"
@@ -189,7 +200,9 @@ def _split_columns(
     """The header and the columns of a text, as texts, and notes on rows that are left out.
 
     Rows that are cut are left out: the first and the last if they are shorter than usual, and
-    others that are shorter or longer where these are few.
+    others that are shorter or longer where these are few. Where the time is the number of the row,
+    they are empty instead. A header that names more or fewer columns than the rows have is not used
+    where no wanted column is of its names.
 
     Args:
         source: What to call the file in messages.
@@ -206,6 +219,7 @@ def _split_columns(
     split = _make_splitter(lines, SEPARATOR_NAMES.get(separator or "", separator))
     rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
     header, at = _find_header(rows, wanted)
+    above = rows[at - 1] if at and not header and split is not str.split else []
     rows = rows[at:]
     counts = np.array([len(row) for row in rows], dtype=int)
     usual = int(np.bincount(counts).argmax()) if len(rows) else 0
@@ -218,20 +232,48 @@ def _split_columns(
             f"{source}: its header names {plural(named, 'column')}, its rows have {usual}: give "
             "the header a name for each, or take it out and give numbers of columns"
         )
+    notes = []
+    if named and (more or named > max(counts, default=named)):
+        remark = "the last of its names have none" if by_name else "no name of it is used"
+        notes.append(
+            f"the header names {plural(named, 'column')}, the rows have {plural(usual, 'cell')}: "
+            f"{remark}; if the names do not fit, give numbers of columns"
+        )
+        header = header if by_name else []
+    elif unfit := _find_unfit_names(above, usual):
+        notes.append(
+            f"the line above the numbers has {plural(unfit, 'name')}, the rows have "
+            f"{plural(usual, 'cell')}: no name of it is used; give numbers of columns"
+        )
     odd = counts != usual
     share = float(odd.sum()) / max(len(odd), 1)
     several = len(set(counts[odd])) > 1 and share < MAX_CUT_ROWS
     if share > FEW_ODD_ROWS and not several:  # then the writing program pads rows like this
         odd[1:-1] = False
         odd &= counts < usual
-    notes = []
     if odd.any():
         cut = "the first row" if odd[0] and odd.sum() == 1 else plural(int(odd.sum()), "row")
         notes.append(f"{cut} left out: not the usual {plural(usual, 'cell')}")
-    kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
+    numbered = "time" in wanted and counts_rows(header, wanted["time"])
+    kept = [
+        [] if is_odd else row
+        for row, is_odd in zip(rows, odd, strict=True)
+        if numbered or not is_odd
+    ]
     width = max(usual, named)
     columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
     return header, list(columns), notes
+
+
+def _find_unfit_names(above: list[str], usual: int) -> int:
+    """How many names a line above the numbers has, if these are fewer than the usual cells.
+
+    Args:
+        above: Its cells; empty where it is the header, or no separator shows what is a name.
+        usual: Usual number of cells of a row.
+    """
+    names = 1 < len(above) < usual and not any(map(_is_number, above))
+    return len(above) if names else 0
 
 
 def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:

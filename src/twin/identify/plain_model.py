@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.base.errors import LogError
+from twin.base.errors import LogError, plural
 from twin.identify.axis_fitting import AXIS_FITTING, AxisFitting
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.axis_problem import AxisProblem
@@ -235,9 +235,9 @@ def fit_from_guesses(
     windows = axis_windows(log, *spans(log, longest))
     if len(windows) < 3:
         raise LogError(
-            f"{len(windows)} stretches of {MIN_WINDOW_SHARE * longest:.2g} s with the ball seen "
-            f"every {MAX_COMMAND_GAP_S:g} s, at least 3 are needed: record for longer, or see the "
-            "ball more often"
+            f"{plural(len(windows), 'stretch', 'stretches')} of {MIN_WINDOW_SHARE * longest:.2g} s "
+            f"with the ball seen every {MAX_COMMAND_GAP_S:g} s, at least 3 are needed: record for "
+            "longer, or see the ball more often"
         )
     base = windows.weight
     # a ball that rests leaves no residual, which would make every motion an outlier

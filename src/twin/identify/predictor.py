@@ -1,12 +1,14 @@
-"""Chooses the fits by which an axis is predicted: the full one, five numbers, or both together.
+"""Predicts an axis by a weighted mean of the full model and five numbers, from several starts.
 
 The five numbers are gain, dead time, level, viscous friction and Coulomb friction, fitted to the
 errors of predictions. A full model in error may explain windows well and predict badly, and noise
-may hide such an error. So each half of the log is predicted by fits of the other. If one of the two
-fits is better by more than the standard error of their comparison, it predicts alone; else the mean
-of both does, which is seldom much worse than the better one. A full model whose gain may be zero
-predicts in the mean where it is clearly better, and else not at all. Five numbers also predict
-alone where it cannot be fitted.
+may hide such an error. A prediction from a long stretch of samples averages noise, one from a brief
+stretch forgets what the model lacks. Fits that predict equally well may have other values, and no
+log shows which of them is best on another log: one chosen by a small difference is chosen by
+chance. So each half of the log is predicted by fits of the other, in each of these ways, and the
+ways are averaged with weights by their errors, as forecasts are (Bates and Granger 1969). A full
+model whose gain may be zero has at most half the weight. Five numbers also predict alone where it
+cannot be fitted.
 """
 
 from __future__ import annotations
@@ -21,13 +23,19 @@ from twin.base.errors import LogError
 from twin.base.page import digits
 from twin.identify.axis_fitting import AXIS_FITTING, AxisFitting
 from twin.identify.axis_logs import AxisLog
-from twin.identify.axis_prediction import fit_to_predictions, predict_axis, prediction_times
+from twin.identify.axis_prediction import (
+    choose_level,
+    fit_to_predictions,
+    predict_axis,
+    predict_by_levels,
+    prediction_times,
+)
 from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
 from twin.identify.plain_model import AxisFit, fit_from_guesses, guess_from
-from twin.identify.verdicts import HOLD_OUT, Predicted, absolute_quantile
-from twin.identify.windows import axis_windows
+from twin.identify.verdicts import Predicted
+from twin.identify.windows import SAMPLE_BIN_S, axis_windows
 
 FIVE_NUMBERS = ("gain", "dead_time", "level", "viscous", "friction")
 """Parameters of the plain model."""
@@ -35,7 +43,7 @@ FIVE_NUMBERS = ("gain", "dead_time", "level", "viscous", "friction")
 
 @dataclass(frozen=True, kw_only=True)
 class PredictorChoice:
-    """Constants of the choice.
+    """Constants of the mean.
 
     Attributes:
         windows_s: Lengths of the windows of a first fit of five numbers, the best first.
@@ -43,28 +51,31 @@ class PredictorChoice:
         horizon_s: Time ahead at which predictions are compared, and up to which five numbers are
             fitted.
         interval_s: Time between the predictions to which they are fitted.
-        leads_s: Lengths of the samples from which a prediction may start: long ones average noise,
-            short ones forget errors of the model.
-        long_lead_s: The length where the model explains the log.
+        leads_s: Lengths of the samples from which a prediction may start, in whole bins of samples,
+            so that predictions of the same time have the same samples ahead.
+        long_lead_s: The length where the model explains the log, of a log too short to compare.
         brief_lead_s: The length where it does not.
         min_lead_samples: Smallest number of samples of such a length.
-        lead_interval_s: Time between the predictions by which these are compared.
-        max_lead_predictions: Largest number of these.
-        accepted_stds: A fit predicts alone, and another length is taken, if it is better by more
-            standard errors of the comparison; by up to so many, a length is no worse than the best.
+        weight_power: Weights fall with this power of the median error. For the mean of independent
+            errors 2 would be best; those of the ways have much in common, so the better of two
+            deserves more.
+        least_error_m: Smallest error that counts.
+        min_weight: Weight below which a way is left out.
+        min_predictions: Smallest number of predictions by which ways are compared.
     """
 
     windows_s: tuple[float, ...] = (1.4, 0.7)
     first_residual_m: float = 2e-3
     horizon_s: float = 1.0
     interval_s: float = 0.25
-    leads_s: tuple[float, ...] = (0.25, 0.4, 0.7, 1.2)
+    leads_s: tuple[float, ...] = tuple(n * SAMPLE_BIN_S for n in (16, 25, 44, 75))
     long_lead_s: float = 0.7
     brief_lead_s: float = 0.25
     min_lead_samples: int = 5
-    lead_interval_s: float = 0.125
-    max_lead_predictions: int = 250
-    accepted_stds: float = 1.0
+    weight_power: float = 4.0
+    least_error_m: float = 1e-6
+    min_weight: float = 0.03
+    min_predictions: int = 6
 
 
 PREDICTOR_CHOICE = PredictorChoice()
@@ -75,17 +86,17 @@ class AxisPredictor:
     """Fits of an axis whose predictions are averaged.
 
     Attributes:
-        fits: The fits, to the same log.
-        lead_s: Length of the samples from which a prediction starts, s.
+        fits: Fits to the same log, each with the length of the samples from which it predicts.
+        weights: Weights of their predictions, shape (F,), with the sum 1.
     """
 
     fits: tuple[AxisFit, ...]
-    lead_s: float = HOLD_OUT.lead_s
+    weights: Array
 
     @property
-    def explained(self) -> bool:
-        """Whether a fit explains the log, so that no other model leaves much less."""
-        return any((fit.windowed or fit).explained for fit in self.fits)
+    def lead_s(self) -> float:
+        """Mean length of the samples from which a prediction starts, s."""
+        return float(self.weights @ [fit.how.hold_out.lead_s for fit in self.fits])
 
     def predict(self, log: AxisLog, at: Array, *, follow: bool = True) -> Predicted:
         """Predict from times in s, shape (W,), by the samples before them.
@@ -93,13 +104,19 @@ class AxisPredictor:
         Args:
             log: The axis, held out.
             at: When predictions begin.
-            follow: Whether to predict with a followed level and without friction as well.
+            follow: Whether to predict without friction as well, and with a level that is followed
+                while the mean has so predicted better.
         """
-        every = [
-            predict_axis(log, fit.with_lead(self.lead_s), at, follow=follow) for fit in self.fits
-        ]
-        mean = {who: np.mean([each.by[who] for each in every], axis=0) for who in every[0].by}
-        return replace(every[0], by=mean)
+        every = [predict_by_levels(log, fit, at, follow=follow) for fit in self.fits]
+        # all end at the same time, and those from long starts have more samples before
+        first = min(every, key=lambda each: each.ahead.shape[1])
+        columns = slice(-first.ahead.shape[1], None)
+        mean = {
+            who: np.average([each.by[who][:, columns] for each in every], 0, self.weights)
+            for who in first.by
+        }
+        found = replace(first, by=mean)
+        return choose_level(found) if follow else found
 
 
 def choose_predictor(
@@ -109,7 +126,7 @@ def choose_predictor(
     alone: bool = True,
     look: FirstLook | None = None,
 ) -> tuple[AxisPredictor, str]:
-    """The fits that predict best, and a note if they are not the given one alone.
+    """The mean of a fit and five numbers that predicts an axis, and a note on their weights.
 
     A fit that explains its log is compared as well: noise may hide what it lacks. So is one that
     leaves the gain open: its terms make up for each other, which predictions need not show.
@@ -117,102 +134,95 @@ def choose_predictor(
     Args:
         fit: The full fit of an axis.
         how: Constants.
-        alone: Whether it may predict alone: its gain is not zero.
+        alone: Whether it may have more than half the weight: its gain is not zero.
         look: A first look at its log, which is a guess of the five numbers as well.
     """
-    full = AxisPredictor((fit,))
+    refits = [lambda log: _refit(fit, log)]
     try:
         plain = _reduce(fit, look, how)
     except LogError:
-        return full, ""
-    fits, why = _choose_fits(fit, plain, how)
+        return _average((fit,), refits, how)[0], ""
+    refits.append(lambda log: _refit_plainly(plain, log, how))
+    found, (_, share), errors = _average((fit, plain), refits, how, alone=alone)
+    if not share:
+        return found, ""
+    whose, others = "those", ""
+    if share < 1:
+        whose, others = f"to {100 * share:.0f} % those", ", else those of the full model"
+    why = "the log is too short to compare them"
+    if errors is not None:
+        by_full, by_plain = (f"{1000 * each:.1f} mm" for each in errors.min(axis=1))
+        why = f"by five numbers one half of the log predicts the other to {by_plain}, by the full "
+        why += f"model to {by_full}"
     if not alone:
-        fits = (fit, plain) if fits[-1] is fit else (plain,)
         why = f"the gain of the full model may be zero; {why}"
-    if fits[-1] is fit:
-        return full, ""
-    whose = "the mean of the full model and" if len(fits) > 1 else "those of"
-    return AxisPredictor(fits), f"predictions are {whose} {describe_five_numbers(plain)}: {why}"
+    return found, f"predictions are {whose} of {describe_five_numbers(plain)}{others}: {why}"
 
 
-def _choose_fits(
-    full: AxisFit, plain: AxisFit, how: PredictorChoice
-) -> tuple[tuple[AxisFit, ...], str]:
-    """The better one of two fits to a log, or both where that is unclear, and why.
+def predict_plainly(plain: AxisFit, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisPredictor:
+    """The mean of the predictions of five numbers alone, from starts of all lengths.
 
     Args:
-        full: By the full model.
-        plain: By five numbers.
+        plain: Their fit.
         how: Constants.
     """
-    refits = (lambda log: _refit(full, log), lambda log: _refit_plainly(plain, log, how))
-    try:
-        (by_full, by_plain), at = _cross_validate(full, refits, how)
-    except LogError:  # a half has too few windows
-        return (full, plain), "the log is too short to compare them"
-    gained = _compare(by_full, by_plain, at, how)
-    first, second = (1000 * absolute_quantile(each, 0.5) for each in (by_full, by_plain))
-    why = f"by five numbers one half of the log predicts the other to {second:.1f} mm, by the full "
-    why += f"model to {first:.1f} mm"
-    if abs(gained) <= how.accepted_stds:
-        return (full, plain), why
-    return ((plain,) if gained > 0 else (full,)), why
+    return _average((plain,), [lambda log: _refit_plainly(plain, log, how)], how)[0]
 
 
-def choose_lead(predictor: AxisPredictor, how: PredictorChoice = PREDICTOR_CHOICE) -> AxisPredictor:
-    """The predictor with the length of samples from which its predictions of its log start best.
-
-    A long one where the model explains the log, so that noise is all that is wrong; a brief one
-    where it does not, as what the model lacks moves the ball in that time, too. Others are taken if
-    one is clearly better: the shortest that is not clearly worse than the best, for what the model
-    lacks may be more in another log (the rule of one standard error of Breiman et al. 1984).
+def _average(
+    fits: Sequence[AxisFit],
+    refits: Sequence[Callable[[AxisLog], AxisFit]],
+    how: PredictorChoice,
+    *,
+    alone: bool = True,
+) -> tuple[AxisPredictor, Array, Array | None]:
+    """The mean of fits from starts of all lengths, with weights by their errors.
 
     Args:
-        predictor: Of an axis.
+        fits: F fits to a log.
+        refits: Fit a part of it, in the ways of these fits.
         how: Constants.
+        alone: Whether the first fit may have more than half the weight.
+
+    Returns:
+        The mean, the weight of each fit, shape (F,), and the median errors in m by which they were
+        found, shape (F, L): None of a log that is too short, where all fits have the same weight.
     """
-    fit = predictor.fits[0]
-    step = float(np.median(np.diff(fit.log.sampled)))
+    leads = _possible_leads(fits[0].log, how)
+    errors = _cross_validate(fits[0], refits, leads, how)
+    if errors is None:
+        explained = any((fit.windowed or fit).explained for fit in fits)
+        usual = how.long_lead_s if explained else how.brief_lead_s
+        leads = [min(leads, key=lambda each: abs(each - usual))]
+    weights = find_weights(np.ones((len(fits), 1)) if errors is None else errors, how, alone=alone)
+    used = np.argwhere(weights)
+    ways = tuple(fits[k].with_lead(leads[each]) for k, each in used)
+    return AxisPredictor(ways, weights[weights > 0]), weights.sum(axis=1), errors
+
+
+def find_weights(errors: Array, how: PredictorChoice, *, alone: bool = True) -> Array:
+    """Weights of ways to predict by their errors, with the sum 1, shape (F, L).
+
+    Args:
+        errors: Median errors in m, shape (F, L).
+        how: Constants.
+        alone: Whether the first of the F fits may have more than half the weight.
+    """
+    weights = np.maximum(errors, how.least_error_m) ** -how.weight_power
+    weights /= weights.sum()
+    if not alone:
+        share = weights[0].sum()
+        weights[0] *= min(1.0, (1 - share) / share)
+        weights /= weights.sum()
+    weights[weights < how.min_weight] = 0.0
+    return np.asarray(weights / weights.sum())
+
+
+def _possible_leads(log: AxisLog, how: PredictorChoice) -> list[float]:
+    """Lengths in s that hold enough samples; the longest if none does."""
+    step = float(np.median(np.diff(log.sampled)))
     leads = [each for each in how.leads_s if each >= (how.min_lead_samples - 0.5) * step]
-    leads = leads or [max(how.leads_s)]
-    usual = how.long_lead_s if predictor.explained else how.brief_lead_s
-    usual = min(leads, key=lambda each: abs(each - usual))
-    often = replace(fit.how.hold_out, interval_s=how.lead_interval_s)
-    at = prediction_times(fit.log, replace(fit.how, hold_out=often), max(leads))
-    at = at[:: max(1, -(-len(at) // how.max_lead_predictions))]
-    ways = {each: replace(predictor, lead_s=each) for each in leads}
-    if not len(at):
-        return ways[usual]
-    errors = {lead: _find_errors(each, fit.log, at, how) for lead, each in ways.items()}
-    gained = {lead: _compare(errors[usual], each, at, how) for lead, each in errors.items()}
-    best = max(gained.values())
-    if best <= how.accepted_stds:
-        return ways[usual]
-    return ways[min(lead for lead, each in gained.items() if each >= best - how.accepted_stds)]
-
-
-def _find_errors(predictor: AxisPredictor, log: AxisLog, at: Array, how: PredictorChoice) -> Array:
-    """Errors in m of predictions that begin at some times in s; NaN where the ball rests."""
-    found = predictor.predict(log, at, follow=False)
-    return np.where(found.moves, found.errors("model", how.horizon_s), np.nan)
-
-
-def _compare(errors: Array, others: Array, at: Array, how: PredictorChoice) -> float:
-    """By how many standard errors other predictions are better than some; 0 if unknown.
-
-    By the mean logarithm of errors plus their median, shape (W,), of predictions that begin at the
-    same times: neither large errors nor those near zero decide. Predictions of one horizon count as
-    one.
-    """
-    sizes = np.abs((errors, others))
-    known = np.isfinite(sizes).all(axis=0)
-    usual = float(np.median(sizes[:, known])) if known.any() else 0.0
-    ratio = -np.diff(np.log(sizes + usual), axis=0)[0]
-    independent = len(np.unique(np.floor(at[known] / how.horizon_s)))
-    if independent < 2:
-        return 0.0
-    spread = float(np.std(ratio[known], ddof=1)) / np.sqrt(independent)
-    return float(np.mean(ratio[known])) / max(spread, 1e-12)
+    return leads or [max(how.leads_s)]
 
 
 def fit_five_numbers(
@@ -222,7 +232,7 @@ def fit_five_numbers(
     fitting: AxisFitting = AXIS_FITTING,
     how: PredictorChoice = PREDICTOR_CHOICE,
 ) -> AxisFit:
-    """The plain model of an axis from no first guess, or a first look.
+    """The plain model of an axis, begun from usual values and, where there is one, a first look.
 
     Args:
         log: The axis.
@@ -344,27 +354,48 @@ def _refit(fit: AxisFit, log: AxisLog) -> AxisFit:
 
 
 def _cross_validate(
-    fit: AxisFit, refits: Sequence[Callable[[AxisLog], AxisFit]], how: PredictorChoice
-) -> tuple[list[Array], Array]:
-    """Errors in m of predictions of each half of a log by fits of the other, and their times in s.
+    fit: AxisFit,
+    refits: Sequence[Callable[[AxisLog], AxisFit]],
+    leads: Sequence[float],
+    how: PredictorChoice,
+) -> Array | None:
+    """Median errors in m of predictions of each half of a log by fits of the other, shape (F, L).
 
     Args:
         fit: A fit to the log.
-        refits: Fit a part of it, in different ways.
+        refits: Fit a part of it, in F different ways.
+        leads: L lengths of the samples from which predictions start, s.
         how: Constants.
 
-    Raises:
-        LogError: If a half has too few windows.
+    Returns:
+        None if a half has too few windows, or too few predictions are of a ball that moves.
     """
     middle = float(np.median(fit.log.sampled))
     halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
-    errors: list[list[Array]] = [[] for _ in refits]
-    times = []
+    errors: list[Array] = []
     for fitted, tried in (halves, halves[::-1]):
-        at = prediction_times(tried, fit.how, fit.how.hold_out.lead_s)
+        near = replace(fit.how.hold_out, horizons_s=(how.horizon_s,))
+        at = prediction_times(tried, replace(fit.how, hold_out=near), near.lead_s)
         if not len(at):
-            raise LogError("no predictions")
-        times.append(at)
-        for refit, found in zip(refits, errors, strict=True):
-            found.append(_find_errors(AxisPredictor((refit(fitted),)), tried, at, how))
-    return [np.concatenate(each) for each in errors], np.concatenate(times)
+            return None
+        try:
+            every = [refit(fitted) for refit in refits]
+        except LogError:
+            return None
+        errors.append(
+            np.array(
+                [[_find_errors(each, tried, at, lead, how) for lead in leads] for each in every]
+            )
+        )
+    sizes = np.abs(np.concatenate(errors, axis=-1))
+    known = np.isfinite(sizes).all(axis=(0, 1))
+    return np.median(sizes[..., known], axis=-1) if known.sum() >= how.min_predictions else None
+
+
+def _find_errors(
+    fit: AxisFit, log: AxisLog, at: Array, lead_s: float, how: PredictorChoice
+) -> Array:
+    """Errors in m of predictions that begin at some times in s; NaN where the ball rests."""
+    near = replace(fit.how.hold_out, horizons_s=(how.horizon_s,), lead_s=lead_s)
+    found = predict_axis(log, replace(fit, how=replace(fit.how, hold_out=near)), at, follow=False)
+    return np.where(found.moves, found.errors("model", how.horizon_s), np.nan)

@@ -109,7 +109,9 @@ def find_ball_samples(log: Log, period: float) -> tuple[Mask, Array, list[str]]:
     )
     spikes[fresh] = (np.abs(off) > np.maximum(8 * sigma, 0.003)).any(axis=-1)
     if spikes.any():
-        notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")
+        notes.append(
+            f"{plural(int(spikes.sum()), 'ball position')} far off their neighbours left out"
+        )
     return fresh & ~spikes, sigma, notes
 
 
@@ -260,7 +262,7 @@ def prepare(log: Log) -> PreparedLog:
     time = log.time
     if len(time) < 100:
         raise LogError(
-            f"{log.source}: only {len(time)} usable rows; too short to identify anything"
+            f"{log.source}: only {plural(len(time), 'usable row')}; too short to identify anything"
         )
     period = _period(time, log.source)
     steps = np.diff(time)

@@ -33,6 +33,12 @@ LEVEL_FOLLOWED = "level followed"
 WORSE_SHARE = 0.02
 """Share by which a model may be worse than a baseline before the report mentions it."""
 
+MIN_WINDOWS = 5
+"""Windows in which the ball moves below which predictions are not compared with no model."""
+MIN_HELD_OUT_S = 6
+"""Time in s of a moving ball that has so many: they begin every half second, after 2.4 s, and end 1
+s later."""
+
 
 def sentences(found: Identification) -> list[str]:
     """The verdict in words: what the model predicts, then what is known of its parameters."""
@@ -62,6 +68,16 @@ def _describe_scores(found: Identification) -> Iterator[str]:
         if not each.windows:
             yield f"Held-out part, {name}: the ball moves nowhere, so no error can be given."
             continue
+        short = each.known[ahead] < MIN_WINDOWS
+        if short:
+            yield (
+                f"Held-out part, {name}: too short to show how well the model predicts: it has "
+                f"{plural(each.known[ahead], 'window')} in which the ball moves and is seen after "
+                f"1 s, at least {MIN_WINDOWS} are needed. Record for longer, so that the ball "
+                f"moves for {MIN_HELD_OUT_S} s of what is held out, or hold out a second log."
+            )
+        if not each.known[ahead]:
+            continue
         off = {who: 1000 * each.median[who][ahead] for who in each.median}
         level = (
             f"{off[LEVEL_FOLLOWED]:.1f} mm with a level that is followed, "
@@ -70,11 +86,13 @@ def _describe_scores(found: Identification) -> Iterator[str]:
         )
         yield (
             f"On what was held out, {name}: {off['model']:.1f} mm off after 1 s (median of "
-            f"{plural(each.windows, 'window')} in which the ball moves; 90 % within "
+            f"{plural(each.known[ahead], 'window')} in which the ball moves; 90 % within "
             f"{1000 * each.ninety['model'][ahead]:.1f} mm), {level}"
             f"{off['without friction']:.1f} mm without friction; a ball that stays "
             f"{off['stays']:.1f} mm, one that goes on {off['goes on']:.1f} mm."
         )
+        if short:
+            continue
         models = [who for who in PREDICTOR_NAMES[:2] if who in each.median]
         lost = {who: list(_name_lost_horizons(each, who, found.how)) for who in models}
         if both := [one for one in lost["model"] if all(one in rest for rest in lost.values())]:
@@ -91,8 +109,13 @@ def _describe_scores(found: Identification) -> Iterator[str]:
 
 
 def _name_lost_horizons(score: PredictionScore, who: str, how: HoldOutPrediction) -> Iterator[str]:
-    """The horizons at which the better of the baselines has a smaller error than a model."""
+    """The horizons at which the better of the baselines has a smaller error than a model.
+
+    Of horizons with enough windows.
+    """
     for k, ahead in enumerate(how.horizons_s):
+        if score.known[k] < MIN_WINDOWS:
+            continue
         best = min(BASELINE_NAMES, key=lambda who: score.median[who][k])
         least = score.median[best][k]
         if score.median[who][k] > (1 + WORSE_SHARE) * least:

@@ -14,8 +14,15 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError, plural
 from twin.identify.column_names import Suggestion, suggest_kinds
-from twin.identify.log_columns import AXIS_COLUMNS, ROLE_UNITS, unit_factor
+from twin.identify.log_columns import (
+    AXIS_COLUMNS,
+    ROLE_UNITS,
+    ROLES_OF_BOTH_AXES,
+    ROW_NAME,
+    unit_factor,
+)
 from twin.identify.log_tables import open_content, parse_numbers, split_content
+from twin.identify.samples import are_copies, find_noise
 from twin.run.logs import UNIT_SCALES, split_unit
 from twin.run.readers import ForeignTable
 
@@ -33,6 +40,11 @@ WEAK_WEIGHT = 0.5
 """Weight of a suggestion below which it gives way to any other position."""
 MIN_RISING_SHARE = 0.95
 """Share of rows in which a time has to rise."""
+RATE_BLANK = "RATEHz"
+"""Unit of a time that only counts rows, until the rate of the rows stands there."""
+MAX_SMOOTH_RATIO = 0.1
+"""Noise of a column, over that of one with a name as clear, below which it is a reference or an
+estimate of the other; each as a share of its motion."""
 GAP_STEPS = 3.0
 """Times the usual step above which a step of the time is a gap."""
 
@@ -46,12 +58,14 @@ class SurveyedColumn:
         unit: Unit in the header or the file; empty if it has none.
         values: Its numbers, NaN where there is none, shape (K,).
         clock: Times in s of its own, shape (K,); None if it has none.
+        dated: Whether its cells are dates or times of day; the numbers are then seconds.
     """
 
     name: str
     unit: str
     values: Array
     clock: Array | None
+    dated: bool = False
 
     @property
     def range(self) -> str:
@@ -160,22 +174,54 @@ def survey(
         name, unit = split_unit(header[k]) if k < len(header) else (str(k + 1), None)
         if np.isfinite(values).any():
             clock = clocks.get(k)
-            columns.append(SurveyedColumn(name or str(k + 1), unit or "", values, clock))
+            dated = isinstance(raw, list) and ":" in next(filter(None, raw))
+            columns.append(SurveyedColumn(name or str(k + 1), unit or "", values, clock, dated))
     if not columns:
         raise LogError(f"{path.name}: no column time and no column of numbers: not a log")
-    guesses = tuple(_guess_roles(columns))
+    guesses, remarks = _leave_out_copies(_guess_roles(columns), columns)
+    notes += remarks
     found = {guess.role: guess for guess in guesses}
-    if "time" in found:
+    if "time" in found and found["time"].unit == RATE_BLANK:
+        name = found["time"].column
+        notes.append(
+            f"{name}: counts rows, and is no time: give their rate in the place of {RATE_BLANK}, "
+            f"as time={name}:100Hz"
+        )
+    elif "time" in found:
         guess = found["time"]
         (values,) = (each.values for each in columns if each.name == guess.column)
         notes += _describe_times(guess.column, values * (unit_factor(guess.unit or "s", "s") or 1))
+    elif any(column.clock is None for column in columns):
+        notes.append(
+            "no column looks like a time: name one, or for rows at a constant rate give "
+            f"time={ROW_NAME}:100Hz"
+        )
     described: set[int] = set()
     for column in columns:
         if column.clock is not None and id(column.clock) not in described:
             described.add(id(column.clock))
             notes += _describe_times(f"the clock of {column.name}", column.clock)
     words = tuple(typed) or ("ballplate", "identify", str(path))
-    return Survey(path, tuple(columns), guesses, tuple(notes), words)
+    return Survey(path, tuple(columns), tuple(guesses), tuple(notes), words)
+
+
+def _leave_out_copies(
+    guesses: list[RoleGuess], columns: list[SurveyedColumn]
+) -> tuple[list[RoleGuess], list[str]]:
+    """The guesses without a column that is the copy of one for the other axis, and notes on it."""
+    found = {guess.role: guess.column for guess in guesses}
+    values = {column.name: column.values for column in columns}
+    left, notes = set[str](), list[str]()
+    for role, other in ROLES_OF_BOTH_AXES:
+        if {role, other} <= found.keys():
+            first, second = found[role], found[other]
+            if are_copies(values[first], values[second]):
+                left.add(other)
+                notes.append(
+                    f"{second} equals {first} in every row: one of them was written twice, so it "
+                    f"is not taken as {other}; make sure which axis {first} is of"
+                )
+    return [guess for guess in guesses if guess.role not in left], notes
 
 
 def _describe_times(name: str, time: Array) -> list[str]:
@@ -205,6 +251,7 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
     stems = [_split_ending(column.name)[0] for column in columns]
     found: dict[str, tuple[float, RoleGuess]] = {}
     suggested = suggest_kinds(stems)
+    values = {column.name: column for column in columns}
     for column, each in zip(columns, suggested, strict=True):
         if each is None or names.count(column.name) > 1 or "," in column.name:
             continue
@@ -215,16 +262,33 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
             if own and (own.kind, own.weight, own.counts) == (each.kind, each.weight, each.counts)
         ]
         guess = _guess(role, column, each, np.concatenate(alike))
-        if guess is not None and weight > found.get(role, (0.0,))[0]:
+        if guess is None:
+            continue
+        if guess.unit == RATE_BLANK:
+            weight -= 1.5  # any column of times is better
+        before, other = found.get(role, (0.0, None))
+        noisier = (
+            other is not None and weight == before and _is_smooth(values[other.column], column)
+        )
+        if weight > before or noisier:
             found[role] = weight, guess
-    if "time" not in found and columns[0].clock is None and names[0] == "1":
-        first = columns[0]
-        if _rises(first.values, strictly=True):
-            unit, why = _unit_by_numbers("time", first.values)
-            found["time"] = 1.0, RoleGuess("time", first.name, unit, f"rises{why}")
+    first = columns[0]
+    unnamed = first.clock is None and (names[0] == "1" or first.dated)
+    if "time" not in found and unnamed and _rises(first.values, strictly=not first.dated):
+        unit, why = _unit_by_numbers("time", first.values)
+        found["time"] = 1.0, RoleGuess("time", first.name, unit, f"rises{why}")
     if all(column.clock is not None for column in columns):
         found.pop("time", None)
     return [guess for _, guess in _sort_roles(_on_one_axis(found))]
+
+
+def _is_smooth(column: SurveyedColumn, other: SurveyedColumn) -> bool:
+    """Whether a column has hardly noise, as a reference, next to one that is measured."""
+    shares = []
+    for each in (column, other):
+        known = each.values[np.isfinite(each.values)]
+        shares.append(float(find_noise(known)) / max(float(np.std(known)), 1e-300))
+    return shares[0] < MAX_SMOOTH_RATIO * shares[1]
 
 
 def _role_of(each: Suggestion) -> tuple[str, float]:
@@ -313,6 +377,8 @@ def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple
     known = values[np.isfinite(values)]
     if role == "time":
         steps = np.diff(known)
+        if len(steps) and (steps == 1).all():
+            return RATE_BLANK, "; counts rows by 1"
         step = float(np.median(steps[steps > 0]))
         unit = next((unit for unit, low, high in TIME_STEPS if low <= step < high), "s")
         return unit, f"; steps of {step:.3g}, as of {unit}"

@@ -24,16 +24,16 @@ class Suspicion:
 
     Attributes:
         unit_ratio: Largest ratio of a gain to the gain of a ball by which a unit is recognised.
-        confident_stds: Standard deviations by which a gain has to differ from one ball's, and
-            within which it agrees with the other's.
-        max_gain_std_share: Largest standard deviation of such a gain, as a share.
+        max_gain_half_width: Largest half-width of the interval of a gain by which a ball is named,
+            as a share of the gain.
+        gain_tolerance: Share of a gain by which it may differ from that of a ball at least.
         exchanged_share: Share of the variance by which the other axis's command has to explain more
             than the axis's own.
     """
 
     unit_ratio: float = 1.6
-    confident_stds: float = 2.0
-    max_gain_std_share: float = 0.05
+    max_gain_half_width: float = 0.1
+    gain_tolerance: float = 0.02
     exchanged_share: float = 0.3
 
 
@@ -116,13 +116,14 @@ def _describe_gain(
     ):
         if 1 / how.unit_ratio < size / ratio < how.unit_ratio:
             yield f"{axis}: the gain is {digits(size)} times that of the ball: {advice}"
-    if look.gain_std > how.max_gain_std_share * abs(look.gain):
+    low, high = sorted(math.copysign(1.0, look.gain) * end for end in look.interval("gain"))
+    if high - low > 2 * how.max_gain_half_width * abs(look.gain):
         return
+    low = min(low, (1 - how.gain_tolerance) * abs(look.gain))
+    high = max(high, (1 + how.gain_tolerance) * abs(look.gain))
     for name, share in GRAVITY_SHARES.items():
-        off = abs(abs(look.gain) - share * BallPlate().gravity)
-        far = abs(abs(look.gain) - factor * BallPlate().gravity)
-        near = off < max(how.confident_stds * look.gain_std, 0.02 * abs(look.gain))
-        if near and far > 2 * how.confident_stds * look.gain_std and share != factor:
+        ball, assumed = share * BallPlate().gravity, factor * BallPlate().gravity
+        if low <= ball <= high and not low <= assumed <= high:
             yield (
                 f"{axis}: the gain is that of a {name} ball, {share:.2g} of gravity, not the "
                 f"assumed {factor:.2g}: --ball {name}, or the plate tilts {digits(size)} times as "

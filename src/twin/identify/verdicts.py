@@ -213,12 +213,14 @@ class PredictionScore:
     Attributes:
         axes: Which, as ``x`` or ``xy``.
         windows: How many moving windows there are.
+        known: How many of them have a sample at each horizon.
         median: Predictor to the median error after each horizon, m.
         ninety: The same, that 90 % of the windows stay within.
     """
 
     axes: str
     windows: int
+    known: Sequence[int]
     median: Mapping[str, Sequence[float]]
     ninety: Mapping[str, Sequence[float]]
 
@@ -247,7 +249,8 @@ def score(found: Mapping[str, Predicted]) -> PredictionScore:
         {who: [absolute_quantile(each, share) for each in errors] for who, errors in off.items()}
         for share in (0.5, 0.9)
     )
-    return PredictionScore("".join(found), int(moves.sum()), median, ninety)
+    known = [int(np.isfinite(each).sum()) for each in off["model"]]
+    return PredictionScore("".join(found), int(moves.sum()), known, median, ninety)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,18 @@ class WeakForm:
 WEAK_FORM = WeakForm()
 
 
+class Linkage(NamedTuple):
+    """What changes a tilt before it moves the ball, next to dead time and lag.
+
+    Attributes:
+        lever: How far above the plate's axis the ball is as good as, m.
+        play: Half the width of a gap between drive and plate, in swings of the tilt.
+    """
+
+    lever: float = 0.0
+    play: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class WeakGrid:
     """Evenly spaced positions of an axis, its tilt, and the test function of one length.
@@ -117,12 +130,12 @@ class WeakGrid:
     weight: Array
     slope: Array
     bend: Array
-    _pushed: dict[tuple[float, float], Array] = field(default_factory=dict, repr=False)
+    _pushed: dict[tuple[float, Linkage], Array] = field(default_factory=dict, repr=False)
 
     @property
-    def lever(self) -> float:
-        """The log's lever in m, 0 if none is known."""
-        return self.log.lever or 0.0
+    def linkage(self) -> Linkage:
+        """That of the log: without play, and without a lever if none is known."""
+        return Linkage(self.log.lever or 0.0)
 
     @property
     def stride(self) -> int:
@@ -145,24 +158,28 @@ class WeakGrid:
         variance = noise**2 * (self.bend @ self.bend) * max(sample_step / self.how.step_s, 1.0)
         return float(variance / max(float(np.var(self.left[rows])), 1e-30))
 
-    def push(self, rows: NDArray[np.intp], lag: float, lever: float) -> Array:
+    def push(self, rows: NDArray[np.intp], lag: float, linkage: Linkage) -> Array:
         """Integrals of the tilt in swings at each delay, and a step less and more, (K + 2, R).
 
         Args:
             rows: Middles of R windows.
             lag: s.
-            lever: m.
+            linkage: Lever and play.
         """
         h = self.how.step_s
         first, last = (round(each / h) for each in self.how.delays_s)
-        if (lag, lever) not in self._pushed:
+        if (lag, linkage) not in self._pushed:
             back = h * np.arange(last + 1, 0, -1)
             after = self.time[-1] + h * np.arange(1, 2)
             whole = np.concatenate((self.time[0] - back, self.time, after))
-            tilt = self.tilt.at(whole, lag, 0.0, 0.0, 0.0, lever)
-            self._pushed[lag, lever] = self.apply(tilt, self.weight)
+            tilt = self.tilt_at(whole, lag, linkage)
+            self._pushed[lag, linkage] = self.apply(tilt, self.weight)
         delays = np.arange(first - 1, last + 2)[:, None]
-        return np.asarray(self._pushed[lag, lever][rows + last + 1 - delays])
+        return np.asarray(self._pushed[lag, linkage][rows + last + 1 - delays])
+
+    def tilt_at(self, time: Array, lag: float, linkage: Linkage) -> Array:
+        """The tilt in swings behind a lag in s and a linkage, at times in s of any shape."""
+        return self.tilt.at(time, lag, 0.0, linkage.play, 0.0, linkage.lever)
 
 
 def make_grids(
@@ -231,14 +248,14 @@ class WeakWindows:
         slow = _find_slow_shares(self.grid, self.speed)[self.rows]
         return bool(np.median(slow) > how.moving_slow_shares[0])
 
-    def solve(self, terms: tuple[str, ...], lever: float) -> WeakSolution | None:
+    def solve(self, terms: tuple[str, ...], linkage: Linkage) -> WeakSolution | None:
         """Least squares over delays and lags, without outliers; None of too few windows.
 
         No friction is negative: where it would be, it is zero, and the others are those without it.
 
         Args:
             terms: Terms next to gain, delay and level: damping, friction, camber.
-            lever: m.
+            linkage: Lever and play.
         """
         grid, rows, how = self.grid, self.rows, self.grid.how
         columns = {
@@ -248,13 +265,13 @@ class WeakWindows:
         }
         level = np.full(len(rows), grid.weight.sum())
         others = [level, *(grid.apply(*columns[term])[rows] for term in terms)]
-        found = _solve(grid, rows, np.stack(others, axis=-1), lever)
+        found = _solve(grid, rows, np.stack(others, axis=-1), linkage)
         if found is None or "friction" not in terms:
             return found
         k = 2 + terms.index("friction")
         if found.values[k] >= 0:
             return found
-        without = self.solve(tuple(term for term in terms if term != "friction"), lever)
+        without = self.solve(tuple(term for term in terms if term != "friction"), linkage)
         if without is None:
             return None
         values, stds = np.insert(without.values, k, 0.0), np.insert(without.stds, k, found.stds[k])
@@ -291,7 +308,7 @@ class WeakSolution:
 
 
 def _solve(
-    grid: WeakGrid, rows: NDArray[np.intp], others: Array, lever: float
+    grid: WeakGrid, rows: NDArray[np.intp], others: Array, linkage: Linkage
 ) -> WeakSolution | None:
     """Least squares over delays and lags, without outliers; None of too few windows.
 
@@ -299,12 +316,12 @@ def _solve(
         grid: Positions and tilt.
         rows: Middles of the windows, R of them.
         others: Columns of the equation next to the tilt's, shape (R, C).
-        lever: m.
+        linkage: Lever and play.
     """
     how, left = grid.how, grid.left[rows]
     h = how.step_s
     # one step more at each end, for the slope by the delay
-    pushed = {lag: grid.push(rows, lag, lever) for lag in how.lags_s}
+    pushed = {lag: grid.push(rows, lag, linkage) for lag in how.lags_s}
     kept, columns, off = np.ones(len(rows), bool), others, left
     lag, k = 0.0, 0
     for _ in range(3):

@@ -488,14 +488,20 @@ def find_moving(windows: SampleWindows, min_motion_m: float) -> Mask:
     return moves if moves.any() else np.ones_like(moves)
 
 
-def _usual_step(log: AxisLog) -> float:
+MAX_GAP_STEPS = 3.5
+"""Time without a sample, over the usual time between two, that is no gap for a slow camera."""
+
+
+def usual_step(log: AxisLog) -> float:
+    """Usual time between two samples in s."""
     return float(np.median(np.diff(log.sampled))) if len(log.sampled) > 1 else MAX_COMMAND_GAP_S
 
 
 def _free_stretches(log: AxisLog) -> Iterator[Array]:
     """Times of successive samples in s, without gaps, of a ball that touches no end stop."""
     free, time = ~log.touching, log.sampled
-    apart = (np.diff(time) > MAX_COMMAND_GAP_S) | (np.diff(free.astype(int)) != 0)
+    gap = max(MAX_COMMAND_GAP_S, MAX_GAP_STEPS * usual_step(log))
+    apart = (np.diff(time) > gap) | (np.diff(free.astype(int)) != 0)
     borders = np.concatenate(([0], np.flatnonzero(apart) + 1, [len(time)]))
     for first, stop in pairwise(borders):
         if stop > first and free[first]:
@@ -512,7 +518,7 @@ def usual_free_time(log: AxisLog) -> float:
 def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
     """Beginnings and ends of windows in sequence, s: none spans a gap or touches an end stop."""
     found = list[tuple[float, float]]()
-    step = _usual_step(log)
+    step = usual_step(log)
     for here in _free_stretches(log):
         length = float(here[-1] - here[0]) if len(here) else 0.0
         if length < MIN_WINDOW_SHARE * longest:

@@ -33,6 +33,7 @@ from twin.base.shipped import folder as scenarios_folder
 from twin.base.shipped import model_path
 from twin.base.validation import Checked, read_model
 from twin.base.writing import why, write_json, write_whole
+from twin.lab import SCORES_FILE
 from twin.lab.bench_entries import Entry, carry_out_entry, enter
 from twin.lab.bench_replay import commands_of, register_commands, replay_of
 from twin.lab.bench_scores import (
@@ -421,7 +422,7 @@ class Benchmark:
         write_whole(folder / "runs.parquet", lambda path: rows.to_parquet(path, index=False))
         write_whole(folder / "commands.npz", commands)
         scores = {"season": self.season, "scores": [each._asdict() for each in found]}
-        write_json(folder / "scores.json", scores)
+        write_json(folder / SCORES_FILE, scores)
         return found
 
 
@@ -470,7 +471,7 @@ def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
         RecordError: If it holds none.
     """
     try:
-        found: dict[str, Any] = json.loads(read_regular(folder / "scores.json"))
+        found: dict[str, Any] = json.loads(read_regular(folder / SCORES_FILE))
         return found["scores"], str(found.get("season", ""))
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise RecordError(f"{folder}: contains no finished entry: {why(error)}") from error

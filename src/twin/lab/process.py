@@ -26,7 +26,7 @@ from controllers.arrays import Array
 from controllers.interfaces import Feedback, Law, Measurement, Observer, Quantity, Reference
 from controllers.per_rig import PerRigReference, SampledReference
 from twin.base.data_file import DataError, parse_json, read_regular
-from twin.base.errors import LawError, ScenarioError, printable
+from twin.base.errors import LawError, ScenarioError, plural, printable
 from twin.lab.schema import AnswerTable
 
 
@@ -159,7 +159,7 @@ class AnswerProcess:
         if not received.startswith(tag):
             if received.startswith(b"{"):
                 self.read(received)
-            raise self.fail(f"{STRANGE_MESSAGE} of {count} numbers")
+            raise self.fail(f"{STRANGE_MESSAGE} of {plural(count, 'number')}")
         got = np.frombuffer(received[len(tag) :]).reshape(shape).copy()
         largest = np.abs(got).max(initial=0.0)
         if not largest < self.limits.number:

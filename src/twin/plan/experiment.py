@@ -192,7 +192,8 @@ class MotionForecast:
             yield f"nothing is expected of the nominal rig: {self.nominal.why}"
         lost = [each.why for each in self.drawn if each.why]
         if lost:
-            yield f"nothing is expected of {len(lost)} of {len(self.drawn)} drawn rigs: {lost[0]}"
+            drawn = plural(len(self.drawn), "drawn rig")
+            yield f"nothing is expected of {len(lost)} of {drawn}: {lost[0]}"
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""

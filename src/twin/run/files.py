@@ -273,7 +273,7 @@ def sorted_out(arguments: Sequence[str], *, of_any_rig: bool = False) -> Sources
         path = Path(text)
         if text in known or not (path.exists() or is_last(path) or path.suffix in RECORD_SUFFIXES):
             scenarios.append(text)
-        elif path.suffix in TEXT_SUFFIXES or _is_foreign_log(path, of_any_rig=of_any_rig):
+        elif is_log(path, of_any_rig=of_any_rig):
             logs.append(path)
         elif (
             is_last(path) or path.suffix in RECORD_SUFFIXES or (path.is_dir() and run_folders(path))
@@ -286,8 +286,15 @@ def sorted_out(arguments: Sequence[str], *, of_any_rig: bool = False) -> Sources
     return Sources(tuple(scenarios), tuple(runs), tuple(logs))
 
 
-def _is_foreign_log(path: Path, *, of_any_rig: bool) -> bool:
-    """Whether a file is a log that is no text, or what somebody takes for one."""
+def is_log(path: Path, *, of_any_rig: bool = False) -> bool:
+    """Whether a path is a log: by its ending a text, there or not, or a file of a known kind.
+
+    Args:
+        path: What was given; a folder is none.
+        of_any_rig: Whether columns of logs are named: then a Parquet file that is no record is one.
+    """
+    if path.suffix in TEXT_SUFFIXES and not path.is_dir():
+        return True
     if path.suffix in RECORD_SUFFIXES:
         return of_any_rig and path.is_file() and not is_record(path)
     return path.suffix not in IGNORED_SUFFIXES and path.is_file() and bool(kind_of(path))

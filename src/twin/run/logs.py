@@ -99,7 +99,7 @@ def _check_lengths(source: str, named: int, lines: Sequence[tuple[int, list[str]
             why = ": its front may be cut off; take the line out" if cut else ""
             raise LogError(
                 f"{source}: line {number}: has {plural(len(row), 'cell')}, the header names "
-                f"{named} columns{why}"
+                f"{plural(named, 'column')}{why}"
             )
 
 

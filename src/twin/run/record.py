@@ -27,7 +27,7 @@ from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import RecordError, one_line, plural
 from twin.base.shipped import nearest_neighbour
 from twin.base.writing import remove, write_whole
-from twin.run.files import METADATA_KEY, STREAM_FILE, arrow_fields
+from twin.run.files import METADATA_KEY, RECORD_SUFFIXES, STREAM_FILE, arrow_fields
 from twin.scenario.schema import CATALOG_TABLES, MOST_PERIODS, Scenario, choices, with_settings
 
 if TYPE_CHECKING:
@@ -365,6 +365,10 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     except unreadable_errors() as error:
         if file.name == STREAM_FILE and not file.stat().st_size:
             raise RecordError(f"{file}: nothing has been recorded yet") from error
+        if file.suffix not in RECORD_SUFFIXES and not isinstance(error, OSError):
+            raise RecordError(
+                f"{file}: not a run, which is a folder with run.parquet, or this file"
+            ) from error
         raise RecordError(f"{file}: not a readable Parquet file: {one_line(error)}") from error
     about = table.schema.metadata
     table = table.rename_columns([OLD_COLUMNS.get(name, name) for name in table.column_names])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,13 +18,15 @@ from twin.devices.akd import conditions as akd
 from twin.emulator.can_bus import Towards
 from twin.emulator.drive import VELOCITY_UNIT
 from twin.emulator.drive_objects import Frame
-from twin.emulator.lockstep import LockstepRig
 from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol, ScreenFault
 from twin.emulator.serve import Wiring
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import SCREEN_SIZE_M
 from twin.safety.limits import DEFAULT_LIMITS, MAX_ANGLE_RAD, Act
+
+if TYPE_CHECKING:
+    from twin.emulator.lockstep import LockstepRig
 
 STEP_NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind}
 """Enumeration members that a step may name."""

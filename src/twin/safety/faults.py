@@ -21,9 +21,9 @@ from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
 from twin.emulator.fault_lines import MATRIX_ROWS, fault_name
-from twin.emulator.lockstep import BALL_TIMEOUT_S
 from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol
+from twin.emulator.serve import BALL_TIMEOUT_S
 from twin.hal import agreement, supervisor
 from twin.hal.interface import Condition
 from twin.safety.causes import act_of, words_of

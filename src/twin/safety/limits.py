@@ -11,20 +11,22 @@ import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.servos import SHUTDOWN_STEP_LIMIT_S
+from twin.devices.akd.config import SHUTDOWN_STEP_LIMIT_S, AkdConfig
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.drive import COASTING_TIME_S, STOP_RAMP
-from twin.emulator.lockstep import LockstepRig
 from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol
 from twin.hal.interface import SCREEN_SIZE_M, Condition, Limits, Severity
 from twin.hal.supervisor import Supervisor
+
+if TYPE_CHECKING:
+    from twin.emulator.lockstep import LockstepRig
 
 STANDSTILL_RAD_S = 0.02
 """Plate rate in rad/s that counts as standstill: what levelling commands for one count of the
@@ -47,7 +49,7 @@ class Stopper(StrEnum):
     NOBODY = "nobody"
 
 
-Act = Callable[[LockstepRig], None]
+Act = Callable[["LockstepRig"], None]
 """Something done to a rig."""
 REACHED_STATES = {
     Stopper.NOBODY: Power.OPERATION_ENABLED,

@@ -15,7 +15,8 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.settings import settings_of
 from twin.identify.any_logs import read_any
-from twin.identify.any_rig import AxisIdentification, identify_axes
+from twin.identify.any_rig import identify_axes
+from twin.identify.axis_identification import AxisIdentification
 from twin.identify.axis_logs import AnyLog
 from twin.identify.balls import GRAVITY_SHARES, ball_factor
 from twin.identify.end_stops import find_ends

@@ -12,7 +12,6 @@ import numpy as np
 
 from controllers.interfaces import Law, Measurement
 from twin.base.errors import RecordError, ScenarioError
-from twin.base.foreign import kind_of
 from twin.base.jobs import SecondProcess
 from twin.base.writing import write_json, write_whole
 from twin.hal.supervisor import INJECTED_BEGIN
@@ -21,7 +20,7 @@ from twin.identify.log_columns import wanted_columns
 from twin.identify.logs import read
 from twin.identify.prepare import check_ranges
 from twin.run.assemble import assemble
-from twin.run.files import WHATIF_FILE, forget, free, is_record, record_of, short_key, slug
+from twin.run.files import WHATIF_FILE, forget, free, is_log, is_record, record_of, short_key, slug
 from twin.run.finished import Run, draw_runs, record_run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
@@ -181,13 +180,6 @@ def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str,
     return [(*settings, *own) for own in map(split_settings, more or [""])]
 
 
-def _is_log(path: Path) -> bool:
-    """Whether a file is a log of columns; a Parquet file without columns is taken for a run."""
-    if path.suffix in {".csv", ".parquet", ".arrows"} or not path.is_file():
-        return path.suffix == ".csv"
-    return bool(kind_of(path))
-
-
 def _left_out(run: Run) -> Iterator[str]:
     """A sentence on the faults that a virtual rig had on demand; none without."""
     faults = [
@@ -223,7 +215,7 @@ def moment_of(
         TwinError: If there is no such run or moment, the twin cannot continue from it, or a change
             is none.
     """
-    if _is_log(path) or (columns is not None and not is_record(path)):
+    if is_log(path) or (columns is not None and not is_record(path)):
         if scenario is None:
             raise RecordError(f"{path}: a log does not state its scenario; give --scenario NAME")
         chosen = load(scenario, settings)

@@ -5,6 +5,7 @@ What a trace says is what was said: canopen's own nodes and the standards' table
 import math
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import can
 import canopen
@@ -837,3 +838,8 @@ def test_a_drive_that_the_trace_does_not_show_to_be_one_is_remarked():
     for shown in (reads(5, 0x1000, 0, "92010200"), reads(5, 0x6502, 0, "ad030000"), TORQUE):
         assert said(*shown, frame(9.0, 0x185, "3702")).remarks() == []
     assert said(frame(0.1, 0x185, "3702"), names=Names(EDS)).remarks() == []
+
+
+@pytest.mark.parametrize(("frames", "words"), [(1.0, "1 frame"), (2.0, "2 frames")])
+def test_a_span_without_times_counts_frames(frames, words):
+    assert Conversation.span(SimpleNamespace(timed=False), frames) == words

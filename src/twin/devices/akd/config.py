@@ -80,6 +80,10 @@ _UNCONFIRMED_METADATA = {"unconfirmed": True}
 source, and whether that is indirect (M) or inferred (L)."""
 
 
+SHUTDOWN_STEP_LIMIT_S = 0.4
+"""Longest time in s for each step of a shutdown of the drives."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class BusConfig:
     """The CAN bus, as python-can names it.

@@ -236,7 +236,7 @@ class Conversation:
     def span(self, seconds: float) -> str:
         """A time in words; without times, the frames that have their place."""
         if not self.timed:
-            return f"{seconds:.0f} frames"
+            return plural(round(seconds), "frame")
         return f"{1e3 * seconds:.3g} ms" if seconds < _SHORT_S else f"{seconds:.3g} s"
 
     def end_of(self, end: float | None) -> float:

@@ -16,7 +16,7 @@ from twin.devices.akd.axis import Axis
 from twin.devices.akd.bringup import SettingsFound, bring_up, master_frames, monitoring
 from twin.devices.akd.bus import BUS_ERRORS, CanTransport, open_bus
 from twin.devices.akd.conditions import DriveError
-from twin.devices.akd.config import AkdConfig, BusConfig
+from twin.devices.akd.config import SHUTDOWN_STEP_LIMIT_S, AkdConfig, BusConfig
 from twin.devices.akd.protocol import AxisRequest, DriveState, abort_words
 from twin.devices.common import FaultReports
 from twin.hal.interface import Fault
@@ -100,8 +100,6 @@ def _reading(index: int, sub: int) -> str:
 
 _MAX_STANDSTILL_RATE_RAD_S = 0.05
 """Motor rate in rad/s that counts as standstill."""
-SHUTDOWN_STEP_LIMIT_S = 0.4
-"""Longest time in s for each step of the shutdown."""
 
 
 class AkdServos:

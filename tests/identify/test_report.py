@@ -1,0 +1,66 @@
+"""`twin.identify.report`: What the errors on the held-out part are said to show."""
+
+import numpy as np
+import pytest
+
+from twin.identify.report import sentences
+from twin.identify.verdicts import Identification, Predicted, score
+
+
+def said(windows, *, seen_after=2.0, off=0.02):
+    """Sentences on predictions whose ball goes on at 0.1 m/s, seen for so many s after each."""
+    ahead = np.tile(np.linspace(-0.4, 2.0, 61), (windows, 1))
+    ball = np.where(ahead <= seen_after + 1e-6, 0.1 * ahead, np.nan)
+    model = 0.1 * ahead + off
+    by = {"model": model, "without friction": model, "stays": 0 * ahead, "goes on": 0.1 * ahead}
+    found = score({"x": Predicted(np.arange(windows) / 2.0, ahead, ball, by)})
+    return " ".join(sentences(of_score(found)))
+
+
+def of_score(found):
+    return Identification(
+        source="a.csv",
+        seconds=10.0,
+        verdicts=(),
+        scores=(found,),
+        predictions={},
+        notes=(),
+        extent="",
+        remarks=(),
+    )
+
+
+def test_a_model_that_loses_in_enough_windows_is_worse_than_none():
+    words = said(5)
+    assert "20.0 mm off after 1 s (median of 5 windows" in words
+    assert "WORSE THAN NO MODEL, x: after 0.5 s one that goes on" in words
+    assert "after 2 s" in words
+    assert "too short" not in words
+
+
+@pytest.mark.parametrize("windows", [1, 4])
+def test_a_few_windows_decide_nothing_and_the_sentence_says_what_to_record(windows):
+    words = said(windows)
+    assert "20.0 mm off after 1 s" in words
+    assert f"too short to show how well the model predicts: it has {windows} window" in words
+    assert "at least 5 are needed. Record for longer" in words
+    assert "WORSE" not in words
+
+
+def test_a_held_out_part_that_ends_before_1_s_gives_no_number():
+    words = said(9, seen_after=0.7)
+    assert "nan" not in words
+    assert "mm off" not in words
+    assert "it has 0 windows in which the ball moves and is seen after 1 s" in words
+    assert "WORSE" not in words
+
+
+def test_a_horizon_that_only_a_few_windows_reach_decides_nothing():
+    ahead = np.tile(np.linspace(-0.4, 2.0, 61), (8, 1))
+    ball = np.where((ahead < 1.5) | (np.arange(8)[:, None] < 2), 0.1 * ahead, np.nan)
+    by = dict.fromkeys(("model", "without friction", "goes on"), 0.1 * ahead)
+    by["model"] = by["model"] + 0.05 * (ahead > 1.5)
+    by["stays"] = 0 * ahead
+    found = score({"x": Predicted(np.arange(8) / 2.0, ahead, ball, by)})
+    assert list(found.known) == [8, 8, 2]
+    assert "WORSE" not in " ".join(sentences(of_score(found)))
