@@ -113,6 +113,12 @@ def test_a_model_whose_gain_may_be_zero_has_at_most_half_the_weight(full):
     np.testing.assert_allclose(weights[:, 0], [share, 1 - share])
 
 
+def test_it_has_at_most_half_the_weight_where_small_weights_are_left_out():
+    errors = np.array([[1.0, 9.0, 9.0, 9.0], [2.0, 3.9, 3.9, 3.9]]) / 1000
+    weights = predictor.find_weights(errors, HOW, alone=False)
+    np.testing.assert_allclose(weights, [[0.5, 0, 0, 0], [0.5, 0, 0, 0]])
+
+
 def test_a_note_states_a_gain_that_may_be_zero(monkeypatch, plain):
     _, share, note = choose(monkeypatch, plain, np.divide(FIVE, 2), FIVE, alone=False)
     assert share == pytest.approx(0.5)

@@ -163,7 +163,9 @@ def test_a_text_without_header_has_a_time_and_a_column_that_stands_has_no_role(t
     rows = zip(1e3 * T, X, U, strict=True)
     file = tmp_path / "a.txt"
     file.write_text("\n".join(",".join(f"{each:.9g}" for each in row) for row in rows))
-    assert survey(file).command.endswith("--columns time=1:ms,measured_x=NAME:m")
+    assert survey(file).command.endswith(
+        "--columns time=1:ms,measured_x=NAME:m,command_phi=NAME:deg"
+    )
     held = write(tmp_path / "b.csv", "t,x,pos_x,u", T, 0 * X, X, U)
     assert "measured_x=pos_x:m" in survey(held).command
 
@@ -239,6 +241,15 @@ def test_a_line_of_too_few_names_is_said_and_dates_are_the_time(tmp_path):
     assert "has 2 names, the rows have 4 cells" in found.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("command", "ball"), [("command_phi", "measured_x"), ("command_theta", "measured_y")]
+)
+def test_a_lacking_position_is_of_the_axis_of_the_command(tmp_path, command, ball):
+    found = survey(write(tmp_path / "a.csv", f"t,foo,{command}", T, X, U))
+    assert found.command.endswith(f"{ball}=NAME:m")
+    assert f"{command}={command}" in found.command
+
+
 def test_of_two_columns_of_one_name_the_noisy_one_is_measured(tmp_path):
     noisy = X + 3e-4 * np.random.default_rng(1).standard_normal(len(T))
     square = 0.05 * np.sign(X)
@@ -253,7 +264,9 @@ def test_a_command_that_was_written_twice_is_not_that_of_the_other_axis(tmp_path
     file = write(tmp_path / "a.csv", header, T, X, X[::-1], U, U)
     found = survey(file)
     assert "command_phi=angle_x:rad,command_theta=NAME:deg" in found.command
-    assert "angle_y equals angle_x in every row" in found.notes[0]
+    assert "angle_y equals angle_x in every row, up to the sign" in found.notes[0]
+    turned = write(tmp_path / "c.csv", header, T, X, X[::-1], U, -U)
+    assert survey(turned).notes[0] == found.notes[0]
     told = "time=t,measured_x=pos_x,measured_y=pos_y,command_phi=angle_x,command_theta=-angle_y"
     (note,) = read_any(file, wanted_columns(told)).notes
     assert "command_theta: angle_y equals angle_x (command_phi) in every row" in note

@@ -127,7 +127,7 @@ def _number_rows(source: str, column: ColumnWanted, count: int) -> Array:
 def _describe_copies(
     columns: Mapping[str, Array], wanted: Mapping[str, ColumnWanted]
 ) -> Iterator[str]:
-    """Columns that are the same for both axes in every row, in words.
+    """Columns that are the same for both axes in every row, up to the sign, in words.
 
     Args:
         columns: Role to values in SI units.
@@ -136,9 +136,9 @@ def _describe_copies(
     for role, other in ROLES_OF_BOTH_AXES:
         if {role, other} <= columns.keys() and are_copies(columns[role], columns[other]):
             yield (
-                f"{other}: {wanted[other].name} equals {wanted[role].name} ({role}) in every row: "
-                "a column that was written twice? Then one of them is not what it is called, and "
-                "what is fitted to it is wrong"
+                f"{other}: {wanted[other].name} equals {wanted[role].name} ({role}) in every row, "
+                "up to the sign: a column that was written twice? Then one of them is not what it "
+                "is called, and what is fitted to it is wrong"
             )
 
 

@@ -130,8 +130,8 @@ def select_model(
         wider = (-0.5 if behind or not log.held else 0.0, 1.0)
         fit = fit_axis(log, chosen, longest, wider, fitting, look)
         notes.append(
-            "dead time at a bound, which was widened: it holds what the clocks of camera and "
-            "command differ by, and is negative where that is more"
+            "the first fit had the dead time at a bound, so its range was widened: it holds what "
+            "the clocks of camera and command differ by, and is negative where that is more"
         )
     if not names:
         advance(0.15, "dead band, play and slew of the drives")

@@ -208,14 +208,18 @@ def find_weights(errors: Array, how: PredictorChoice, *, alone: bool = True) -> 
         how: Constants.
         alone: Whether the first of the F fits may have more than half the weight.
     """
-    weights = np.maximum(errors, how.least_error_m) ** -how.weight_power
-    weights /= weights.sum()
-    if not alone:
-        share = weights[0].sum()
-        weights[0] *= min(1.0, (1 - share) / share)
-        weights /= weights.sum()
-    weights[weights < how.min_weight] = 0.0
-    return np.asarray(weights / weights.sum())
+    weights: Array = np.asarray(np.maximum(errors, how.least_error_m) ** -how.weight_power)
+    weights = weights if alone else _halve(weights)
+    weights[weights < how.min_weight * weights.sum()] = 0.0
+    return np.asarray(weights / weights.sum()) if alone else _halve(weights)
+
+
+def _halve(weights: Array) -> Array:
+    """Weights with the sum 1, at most half of it of the first of the F fits, shape (F, L)."""
+    first, others = weights[:1], weights[1:]
+    factor = min(1.0, others.sum() / first.sum()) if first.any() else 1.0
+    limited = np.concatenate((factor * first, others))
+    return np.asarray(limited / limited.sum())
 
 
 def _possible_leads(log: AxisLog, how: PredictorChoice) -> list[float]:

@@ -127,7 +127,11 @@ class Survey:
         if not roles & {"time"} and any(column.clock is None for column in self.columns):
             options.insert(0, "time=NAME:s")
         if not roles & {"measured_x", "measured_y"}:
-            options.append("measured_x=NAME:m")
+            of_y = any(role.endswith("_theta") for role in roles)
+            of_x = any(role.endswith("_phi") for role in roles)
+            ball = "measured_y" if of_y and not of_x else "measured_x"
+            options.append(f"{ball}=NAME:m")
+            roles.add(ball)
         for ball, angle in (("measured_x", "phi"), ("measured_y", "theta")):
             if ball in roles and not roles & {f"command_{angle}", f"measured_{angle}"}:
                 options.append(f"command_{angle}=NAME:deg")
@@ -218,8 +222,9 @@ def _leave_out_copies(
             if are_copies(values[first], values[second]):
                 left.add(other)
                 notes.append(
-                    f"{second} equals {first} in every row: one of them was written twice, so it "
-                    f"is not taken as {other}; make sure which axis {first} is of"
+                    f"{second} equals {first} in every row, up to the sign: one column may be "
+                    f"written twice, so it is not taken as {other}; make sure which axis {first} "
+                    "is of"
                 )
     return [guess for guess in guesses if guess.role not in left], notes
 
