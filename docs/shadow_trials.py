@@ -33,7 +33,7 @@ from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.belief import TWIN_ERROR_STD, WATCHED_PARAMETERS, belief_of, logs
 from twin.shadow.causes import likely
-from twin.shadow.evidence import GAP_WIDTHS
+from twin.shadow.evidence import PLAY_WIDTHS_RAD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import CHI_SQUARE_95, CHI_SQUARE_MEDIAN
 from twin.study.schema import draw_rigs as drawn_rigs
@@ -174,8 +174,9 @@ def _with_errors(known: Settings, rng: np.random.Generator) -> Settings:
         lag = time_constant(known[BANDWIDTH]) + off["lag"]
         true[BANDWIDTH] = corner_frequency(max(lag, 1e-3))
     if BACKLASH in known:
-        narrow = np.degrees(GAP_WIDTHS[WATCHED_PARAMETERS.index("narrow_play")])
-        true[BACKLASH] = max(0.0, known[BACKLASH] + narrow * off["narrow_play"])
+        true[BACKLASH] = max(
+            0.0, known[BACKLASH] + np.degrees(PLAY_WIDTHS_RAD[0]) * off["narrow_play"]
+        )
     if CAMS in known:
         true[CAMS] = [percent + float(100 * off["transmission"]) for percent in known[CAMS]]
     return true
@@ -215,8 +216,7 @@ class Job(NamedTuple):
 
 def known(job: Job) -> list[dict[str, Any]]:
     """What is said of the rigs of a job: as kept, or tried and then kept."""
-    folder = Path(str(files("twin.shadow")))
-    room = sorted([*folder.rglob("*.py"), *folder.rglob("*.toml")])
+    room = sorted(Path(str(files("twin.shadow"))).rglob("*.py"))
     sources = [Path(__file__), HERE / "shadow.toml", *room]
     how = " ".join(each.read_text(encoding="utf-8") for each in sources)
     key = digest(f"{code()} {how} {job!r}")

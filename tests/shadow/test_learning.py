@@ -54,8 +54,7 @@ def compared(monkeypatch, belief, track=None, **by):
     """
 
     def fitted(_log, given, _gaps):
-        sure = np.full_like(given.constant, 1e-6)
-        return replace(shift_parameters(given, shift(**by)), constant=sure), 0.0
+        return replace(shift_parameters(given, shift(**by)), constant=np.full(11, 1e-6)), 0.0
 
     monkeypatch.setattr(learning, "fit_belief", fitted)
     own = circle(20.0, 5.0) if track is None else track

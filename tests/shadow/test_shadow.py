@@ -18,24 +18,10 @@ from twin.cli.understand import shadow as command
 from twin.identify.logs import MECHANISM_LAG, of_columns, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.alarms import CHANGE_TEST, Before, statistic
-from twin.shadow.belief import (
-    WATCHED_PARAMETERS,
-    Belief,
-    belief_of,
-    check_commands,
-    logs,
-)
+from twin.shadow.alarms import CHANGE_TEST, Before
+from twin.shadow.belief import WATCHED_PARAMETERS, Belief, belief_of, check_commands, logs
 from twin.shadow.causes import weigh
-from twin.shadow.evidence import (
-    GAP_WIDTHS,
-    NO_EVIDENCE,
-    Evidence,
-    log_evidence,
-    log_possible,
-    posterior,
-    whiten,
-)
+from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior, whiten
 from twin.shadow.follow import LEARNING_S, shadow
 from twin.shadow.report import page
 
@@ -160,28 +146,6 @@ def test_log_evidence_is_the_integral_over_the_prior():
     assert covariance[0, 0] == pytest.approx(1 / (A + 1 / V))
 
 
-@pytest.mark.parametrize("m", [-0.6, 0.3])
-def test_what_cannot_be_is_left_out_of_the_integral_over_the_prior(m):
-    A, b, V, least = 7.0, -9.0, 0.4, -0.2
-    d = np.linspace(min(least, m), 8, 400_001)
-    prior = np.exp(-((d - m) ** 2) / (2 * V))
-    rest = np.trapezoid(np.exp(b * d - A * d**2 / 2) * prior, d) / np.trapezoid(prior, d)
-    one = np.ones((1, 1))
-    args = (A * one, b * one[0], V * one, m * one[0])
-    found = log_evidence(*args) + log_possible(*args, one[0], least)
-    assert found == pytest.approx(math.log(rest), abs=1e-7)
-
-
-@pytest.mark.parametrize(("change", "alarm"), [(-1.8, False), (1.8, True)])
-def test_less_breakaway_than_none_is_no_alarm(change, alarm):
-    log = SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,))
-    belief = Belief.of(load("excite", ["plant.friction.breakaway_ratio=1.05"]), log)
-    spans = np.stack((np.arange(30.0), np.arange(1.0, 31.0)), axis=-1)
-    A, off = np.full((30, 1, 1), 30.0), np.where(np.arange(30) >= 20, change, 0.0)
-    windows = Evidence.of(("breakaway",), spans, A, A[:, 0] * off[:, None])
-    assert (statistic(windows, belief).max() > CHANGE_TEST.threshold_llr) == alarm
-
-
 def test_innovations_of_a_disturbed_angle_seen_by_encoders_are_white_with_variance_one():
     rng = np.random.default_rng(1)
     period, disturbance, encoder = 0.002, 1e-4, 1e-8
@@ -197,17 +161,16 @@ def test_innovations_of_a_disturbed_angle_seen_by_encoders_are_white_with_varian
 def test_lost_motion_may_have_gone_where_there_was_some(believed_play, named):
     log = SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,))
     belief = Belief.of(load("excite", [f"plant.servo.backlash_deg={believed_play}"]), log)
-    less = -2.0  # of a gap of 0.05 deg
+    less = -1.0  # of a narrow gap of 0.05 deg
     spans = np.stack((np.arange(10.0), np.arange(1.0, 11.0)), axis=-1)
-    seen = GAP_WIDTHS / np.radians(0.05)
-    A, b = np.tile(20 * np.outer(seen, seen), (10, 1, 1)), np.tile(20 * less * seen, (10, 1))
-    windows = Evidence.of(WATCHED_PARAMETERS, spans, A, b)
+    A, b = np.full((10, 1, 1), 20.0), np.full((10, 1), 20.0 * less)
+    windows = Evidence.of(("narrow_play",), spans, A, b)
     before = Before(
         np.zeros(len(WATCHED_PARAMETERS)), belief.uncertainty + np.diag(belief.drift**2)
     )
     causes = {each.name: each for each in weigh(NO_EVIDENCE, None, windows, before, belief)}
     assert (causes["lost motion"].probability > 0.5) == named
-    assert causes["lost motion"].change.startswith("-0.")
+    assert causes["lost motion"].change.startswith("-0.0")
 
 
 @pytest.mark.long

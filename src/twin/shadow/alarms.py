@@ -31,14 +31,7 @@ from twin.shadow.belief import (
     WATCHED_PARAMETERS,
     Belief,
 )
-from twin.shadow.evidence import (
-    GAP_WIDTHS,
-    NO_EVIDENCE,
-    Evidence,
-    log_evidence,
-    log_possible,
-    posterior,
-)
+from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,21 +153,6 @@ def scatter(
     return np.asarray(np.sqrt(np.clip(squared, 1.0, estimate.max_factor**2)))
 
 
-def limits_of(belief: Belief) -> dict[str, tuple[Array, float]]:
-    """What a cause cannot make less than nothing.
-
-    Returns:
-        By the name of the cause: what grows with each watched parameter, shape (P,), and the least
-        that it can be, over what is believed.
-    """
-    unit = dict(zip(WATCHED_PARAMETERS, np.eye(len(WATCHED_PARAMETERS)), strict=True))
-    return {
-        "breakaway": (unit["breakaway"], min(0.0, 1 - belief.values["breakaway"])),
-        "servo lag": (unit["lag"], -belief.lag),
-        "lost motion": (GAP_WIDTHS, -belief.play),
-    }
-
-
 class _Sums:
     """Sums of evidence up to each window, in numbers of one size.
 
@@ -201,12 +179,6 @@ class _Sums:
         chosen = [list(CAUSE_SIZES).index(name) for name in causes]
         moved = belief.changes[chosen] / unit / unit[:, None]
         self._alternatives = np.concatenate((np.zeros((1, *moved.shape[1:])), moved))
-        limits = limits_of(belief)
-        self._limits = [
-            (1 + number, limits[name][0] * unit, limits[name][1])
-            for number, name in enumerate(causes)
-            if name in limits
-        ]
         self._eye = np.eye(len(unit))
         self._drift = np.diag((belief.drift / unit) ** 2)
 
@@ -223,13 +195,12 @@ class _Sums:
         first = np.maximum(begin - self._learning_windows, 0)
         A, b = self._A, self._b  # noqa: N806
         mean, covariance = posterior(A[begin] - A[first], b[begin] - b[first], self._eye)
-        A = (A[last] - A[begin]) / np.expand_dims(weaker, (-2, -1))  # noqa: N806
-        b = (b[last] - b[begin]) / np.expand_dims(weaker, -1)
-        priors = (covariance + self._drift)[..., None, :, :] + self._alternatives
-        logs = log_evidence(A[..., None, :, :], b[..., None, :], priors, mean[..., None, :])
-        for place, way, least in self._limits:
-            prior = priors[..., place, :, :]
-            logs[..., place] += log_possible(A, b, prior, mean, way, least)
+        logs = log_evidence(
+            ((A[last] - A[begin]) / np.expand_dims(weaker, (-2, -1)))[..., None, :, :],
+            ((b[last] - b[begin]) / np.expand_dims(weaker, -1))[..., None, :],
+            (covariance + self._drift)[..., None, :, :] + self._alternatives,
+            mean[..., None, :],
+        )
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
     def misfit(self) -> Array:

@@ -32,11 +32,9 @@ from twin.sim.transmission import TransmissionError
 
 BALL_BELIEFS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
-PLAY_BELIEFS = ("less_play", "narrow_play", "middle_play", "wide_play")
-"""Shares of lost motion as changes of the gap by ``PLAY_STEPS_RAD`` would make it."""
-DRIVE_BELIEFS = ("lag", *PLAY_BELIEFS, "transmission")
-"""Parameters that the plate's motion shows: time constant in s, lost motion, and how much farther
-than commanded the plate turns."""
+DRIVE_BELIEFS = ("lag", "narrow_play", "wide_play", "transmission")
+"""Parameters that the plate's motion shows: time constant in s, shares of lost motion as a narrow
+and a wide gap would make it, and how much farther than commanded the plate turns."""
 WATCHED_PARAMETERS = (*BALL_BELIEFS, *DRIVE_BELIEFS, "noise")
 """All; the last is the logarithm of the screen's noise over what is believed."""
 

@@ -11,20 +11,20 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.parameters import LEVELS
 from twin.identify.windows import Windows
-from twin.shadow.alarms import Before, limits_of
+from twin.shadow.alarms import Before
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, CAUSE_SIZES, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
-    GAP_WIDTHS,
     NO_EVIDENCE,
+    PLAY_WIDTHS_RAD,
     Evidence,
     ball_evidence,
     log_evidence,
-    log_possible,
     posterior,
 )
 
@@ -88,7 +88,8 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     """
     at = {p: float(moved[WATCHED_PARAMETERS.index(p)]) for p in CAUSE_SIZES[name]}
     if name == "lost motion":
-        return f"{np.degrees(moved @ GAP_WIDTHS):+.2f} deg"
+        gap = sum(share * width for share, width in zip(at.values(), PLAY_WIDTHS_RAD, strict=True))
+        return f"{np.degrees(gap):+.2f} deg"
     parts = []
     absent = LEVELS[belief.scenario.plant.axes :]
     for parameter, value in at.items():
@@ -101,6 +102,17 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     if name == "another ball":
         return f"tilt gain {parts[0]}, rolling friction {parts[1]}"
     return ", ".join(parts)
+
+
+def one_sided(belief: Belief) -> list[str]:
+    """Parameters that can only have grown, since they are believed to be at their least."""
+    least = {
+        "breakaway": belief.values["breakaway"] <= 1,
+        "lag": belief.lag <= 0,
+        "narrow_play": belief.play <= 0,
+        "wide_play": belief.play <= 0,
+    }
+    return [name for name, there in least.items() if there]
 
 
 MOTION_CAUSES = tuple(
@@ -160,10 +172,12 @@ class _Hypothesis:
         A, b, height = self.sums()  # noqa: N806
         mean = before.mean - self.at
         total = height + float(log_evidence(A, b, self.prior, mean))
-        if self.name in (limits := limits_of(belief)):
-            way, least = limits[self.name]
-            least -= float(way @ self.at)
-            total += float(log_possible(A, b, self.prior, mean, way, least))
+        middle, covariance = posterior(A, b, self.prior, mean)
+        for name in one_sided(belief):
+            k = WATCHED_PARAMETERS.index(name)
+            if name in CAUSE_SIZES[self.name]:
+                grown = (self.at + middle - before.mean)[k] / np.sqrt(max(covariance[k, k], 1e-24))
+                total += float(np.log(2) + log_ndtr(grown))
         return total
 
 

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter, ss2tf
-from scipy.special import log_ndtr
 
 from controllers.arrays import Array, Mask
 from twin.base.settings import from_scenarios
@@ -40,13 +39,7 @@ from twin.identify.windows import (
     unknown_motion,
 )
 from twin.run.plants import parts_of
-from twin.shadow.belief import (
-    BALL_BELIEFS,
-    DRIVE_BELIEFS,
-    PLAY_BELIEFS,
-    WATCHED_PARAMETERS,
-    Belief,
-)
+from twin.shadow.belief import BALL_BELIEFS, DRIVE_BELIEFS, WATCHED_PARAMETERS, Belief
 from twin.sim.calibration import MECHANISM_STATES, linear_mechanism
 from twin.sim.drives import DriveModel
 
@@ -182,36 +175,6 @@ def posterior(
     # V (I + A V)^-1, symmetric
     covariance = np.swapaxes(np.linalg.solve(np.swapaxes(AV, -1, -2), prior), -1, -2)
     return m + _times(covariance, score - _times(information, m)), covariance
-
-
-def log_possible(
-    information: Array,
-    score: Array,
-    prior: Array,
-    mean: Array,
-    way: Array,
-    least: float,
-) -> Array:
-    """What a prior without its impossible part adds to ``log_evidence``, shape (...).
-
-    The logarithm of the share of the posterior in which way'd is at least so much, over that of the
-    prior. A mean that is less itself is possible.
-
-    Args:
-        information: A, shape (..., P, P).
-        score: b, shape (..., P).
-        prior: V, shape (..., P, P).
-        mean: m, shape (..., P).
-        way: What cannot be less, of each parameter, shape (P,).
-        least: The least it can be.
-    """
-    middle, covariance = posterior(information, score, prior, mean)
-    end = np.minimum(least, mean @ way)
-    shares = [
-        log_ndtr((at @ way - end) / np.sqrt(np.maximum(way @ spread @ way, 1e-24)))
-        for at, spread in ((middle, covariance), (mean, prior))
-    ]
-    return np.asarray(shares[0] - shares[1])
 
 
 def _times(matrix: Array, vector: Array) -> Array:
@@ -422,13 +385,8 @@ tells nothing: the readings then stay on a few counts."""
 MAX_LINEAR_TILT_RAD = np.radians(5.0)
 """Tilt in rad up to which the mechanism is linear to within what the transmission may differ by
 from window to window: tilt^2 / 2 is below 0.004."""
-PLAY_STEPS_RAD = np.radians((-0.01, 0.01, 0.05, 0.2))
-"""Steps of the differences by the gap's width, rad: what a plate behind a gap does at a reversal is
-not linear in the width, so a gap that is narrower, and each size of a wider one, has a slope of its
-own. The least are twice the standard deviation of an identified gap."""
-GAP_WIDTHS = np.zeros(len(WATCHED_PARAMETERS))
-"""Width in rad of the gap that 1 of each watched parameter is, shape (P,)."""
-GAP_WIDTHS[[WATCHED_PARAMETERS.index(name) for name in PLAY_BELIEFS]] = np.abs(PLAY_STEPS_RAD)
+PLAY_WIDTHS_RAD = (np.radians(0.05), np.radians(0.2))
+"""Widths in rad of a narrow and of a wide gap."""
 
 
 def plate_evidence(
@@ -452,9 +410,16 @@ def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> 
     count = (len(segment.time) - skipped) // rows
     if count < 1 or segment.command is None:
         return NO_EVIDENCE
-    angle, *slopes = plate_slopes(segment.command, period, belief)
-    size = len(DRIVE_BELIEFS)
-    information, score = np.zeros((count, size, size)), np.zeros((count, size))
+    angle, late, *wider = plate_angles(
+        segment.command,
+        period,
+        belief,
+        (belief.lag, belief.play),
+        (belief.lag + LAG_DIFFERENCE, belief.play),
+        *((belief.lag, belief.play + gap) for gap in PLAY_WIDTHS_RAD),
+    )
+    slopes = ((late - angle) / LAG_DIFFERENCE, *(each - angle for each in wider), angle)
+    information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
     tilted = np.abs(segment.plate[skipped : skipped + count * rows]).reshape(count, -1).max(axis=1)
     for axis in (0, 1):
         both = np.stack((segment.plate - angle, *slopes))[..., axis]
@@ -463,36 +428,13 @@ def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> 
         moved = np.ptp(segment.plate[used, axis].reshape(count, rows), axis=1)
         counted = moved > MIN_PLATE_RANGE_STDS * np.sqrt(belief.encoders[axis])
         counted &= tilted < MAX_LINEAR_TILT_RAD
-        e, J = white[0].reshape(count, rows), white[1:].reshape(size, count, rows)  # noqa: N806
+        e, J = white[0].reshape(count, rows), white[1:].reshape(4, count, rows)  # noqa: N806
         J = J * counted[:, None]  # noqa: N806
         information += np.einsum("iwk,jwk->wij", J, J) / INNOVATIONS_PER_SAMPLE
         score += np.einsum("iwk,wk->wi", J, e) / INNOVATIONS_PER_SAMPLE
     begin = segment.time[skipped] + PLATE_WINDOW_S * np.arange(count)
     spans = np.stack((begin, begin + PLATE_WINDOW_S), axis=-1)
     return Evidence.of(DRIVE_BELIEFS, spans, information, score)
-
-
-def plate_slopes(command: Array, period: float, belief: Belief) -> list[Array]:
-    """The plate's angles, and their slopes by ``DRIVE_BELIEFS``, shape (K, 2) each.
-
-    No gap is narrower than none: where there is no play, there is no slope to less of it.
-
-    Args:
-        command: Plate rates in rad/s from each row on, shape (K, 2).
-        period: Seconds between rows.
-        belief: The twin.
-    """
-    lag, play = belief.lag, belief.play
-    angle, late, *others = plate_angles(
-        command,
-        period,
-        belief,
-        (lag, play),
-        (lag + LAG_DIFFERENCE, play),
-        *((lag, max(0.0, play + step)) for step in PLAY_STEPS_RAD),
-    )
-    by_play = np.sign(PLAY_STEPS_RAD)[:, None, None] * (np.array(others) - angle)
-    return [angle, (late - angle) / LAG_DIFFERENCE, *by_play, angle]
 
 
 def whiten(signals: Array, period: float, disturbance: float, encoder: float) -> Array:

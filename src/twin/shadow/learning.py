@@ -31,8 +31,8 @@ from twin.identify.windows import unknown_motion
 from twin.scenario.load import check, put
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, OPEN_STD, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
-    GAP_WIDTHS,
     NO_EVIDENCE,
+    PLAY_WIDTHS_RAD,
     Evidence,
     ball_evidence,
     ball_windows,
@@ -182,11 +182,12 @@ def shift_parameters(belief: Belief, by: Array) -> Belief:
     for name in BALL_BELIEFS:
         least = MIN_FRICTION_SHARE * values[name] if name == "rolling" else BOUNDS[name].least
         values[name] = float(np.clip(values[name] + off[name], least, BOUNDS[name].most))
+    gap = off["narrow_play"] * PLAY_WIDTHS_RAD[0] + off["wide_play"] * PLAY_WIDTHS_RAD[1]
     return replace(
         belief,
         values=values,
         lag=max(0.0, belief.lag + off["lag"]),
-        play=max(0.0, belief.play + float(by @ GAP_WIDTHS)),
+        play=max(0.0, belief.play + gap),
         turned=belief.turned + off["transmission"],
         screen=belief.screen * np.exp(2 * off["noise"]),
     )
