@@ -19,7 +19,6 @@ from twin.identify import drive_effects
 from twin.identify.any_logs import read_any
 from twin.identify.any_rig import (
     _describe_gain,
-    _end_at_bounds,
     identify_axes,
     join_logs,
 )
@@ -32,7 +31,6 @@ from twin.identify.axis_verdicts import assess_axis
 from twin.identify.balls import ball_factor
 from twin.identify.command_model import TiltHistory, apply_play, drive_path
 from twin.identify.drive_effects import profile, profile_drives
-from twin.identify.fallback import PLAIN_WHY
 from twin.identify.least_squares import Minimum, Termination, fit_starts, fit_starts_from_scratch
 from twin.identify.log_columns import unit_factor, wanted_columns
 from twin.identify.model_choice import select_model
@@ -45,7 +43,6 @@ from twin.identify.verdicts import (
     HOLD_OUT,
     IDENTIFIED_VERDICT,
     NOT_IDENTIFIABLE,
-    PLAIN_VERDICT,
     ParameterVerdict,
     score,
 )
@@ -792,30 +789,6 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
     assert not any("give the command times" in each for each in sentences(found))
     assert any("no factor on the command is advised" in each for each in sentences(found))
-
-
-@pytest.mark.parametrize(
-    ("name", "held", "least"),
-    [
-        ("friction_x", True, 0.0),
-        ("viscous_y", True, 0.0),
-        ("delay_x", True, 0.0),
-        ("delay_x", False, -0.1),
-        ("level_x", True, -0.5),
-        ("gain_x", False, -0.5),
-    ],
-)
-def test_an_interval_of_a_plain_model_ends_where_its_quantity_does(name, held, least):
-    about = plain_parameter(name[:-2], "rad", held=held)
-    verdict = ParameterVerdict(
-        about=about, name=name, value=0.05, low=-0.5, high=0.6, word=PLAIN_VERDICT, why=PLAIN_WHY
-    )
-    assert _end_at_bounds(verdict, held=held) == replace(verdict, low=least)
-    # the full model has its own bounds, as of clocks that differ; what is inside stays
-    for other in (replace(verdict, why="its interval is wide"), replace(verdict, low=0.01)):
-        assert _end_at_bounds(other, held=held) == other
-    unknown = ParameterVerdict.unknown(about, name, "not seen")
-    assert _end_at_bounds(unknown, held=held) == unknown
 
 
 def gain_of(word, value, low, high):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,6 +60,35 @@ def test_a_gain_that_is_identified_needs_no_look(log, monkeypatch):
     monkeypatch.setattr(fallback, "look_at_rolling_in_several_ways", refuse)
     before = [verdict("gain_x", IDENTIFIED_VERDICT, 7.0, 6.9, 7.1)]
     assert assess_plainly(log, "x", "rad", before) == (before, [])
+
+
+@pytest.mark.parametrize(
+    ("name", "held", "least"),
+    [
+        ("friction_x", True, 0.0),
+        ("viscous_x", True, 0.0),
+        ("delay_x", True, 0.0),
+        ("delay_x", False, -0.1),
+        ("level_x", True, -0.5),
+        ("gain_x", False, -0.5),
+    ],
+)
+@pytest.mark.parametrize("low", [-0.5, 0.01])
+def test_an_interval_of_a_plain_model_ends_where_its_quantity_does(
+    name, held, least, low, log, monkeypatch
+):
+    names = ("gain", "delay", "level", "damping", "friction")
+    look = SimpleNamespace(
+        **dict.fromkeys(names, 0.05), terms=names[3:], plain=True, explained=0.9, windows=40
+    )
+    look.interval = lambda _: (low, 0.6)
+    monkeypatch.setattr(fallback, "look_at_any_motion", lambda *_: [look])
+    monkeypatch.setattr(fallback, "join_looks", lambda looks: looks[0])
+    before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
+    found, _ = assess_plainly(replace(log, held=held), "x", "rad", before)
+    (told,) = (each for each in found if each.name == name)
+    # what is inside stays
+    assert (told.value, told.low, told.high) == (0.05, max(low, least), 0.6)
 
 
 def test_the_plain_model_gives_its_numbers_with_intervals(log):

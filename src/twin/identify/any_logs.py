@@ -121,7 +121,7 @@ def _number_rows(source: str, column: ColumnWanted, count: int) -> Array:
             f"{source}: time: give the rate of the rows, as time={ROW_NAME}:100Hz, or the time "
             f"between two, as time={ROW_NAME}:10ms"
         )
-    return column.sign * factor * np.arange(count)
+    return column.to_si(np.arange(count, dtype=float), factor)
 
 
 def _describe_copies(

@@ -19,7 +19,7 @@ from twin.identify.axis_selection import AXIS_SELECTION, DELAYS_S, AxisSelection
 from twin.identify.axis_verdicts import assess_axis, describe_lags
 from twin.identify.corrections import find_correction
 from twin.identify.end_stops import describe_stops, find_end_stops
-from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
+from twin.identify.fallback import assess_plainly
 from twin.identify.first_look import FirstLook, look_first
 from twin.identify.model_choice import (
     check_excited,
@@ -253,25 +253,7 @@ def _fit_axes(
         f"{axis}: a prediction starts from {1000 * fit.lead_s:.0f} ms of positions in the mean"
         for axis, fit in fits.items()
     ]
-    found = [_end_at_bounds(each, held=logs[each.name[-1]].held) for each in found]
     return fits, found, reasons, notes
-
-
-def _end_at_bounds(found: ParameterVerdict, *, held: bool) -> ParameterVerdict:
-    """A verdict by a plain model whose interval ends where the quantity does.
-
-    Friction and damping are not negative, nor is the dead time of a command; a measured angle may
-    be late itself.
-
-    Args:
-        found: The verdict.
-        held: Whether the tilt is a command.
-    """
-    ends = {"friction": 0.0, "viscous": 0.0, "delay": DELAYS_S[held][0]}
-    least = ends.get(found.name.rpartition("_")[0])
-    if least is None or found.low is None or found.why not in (PLAIN_WHY, ROLLING_WHY):
-        return found
-    return replace(found, low=max(found.low, least))
 
 
 def _excludes_zero(found: ParameterVerdict) -> bool:

@@ -211,10 +211,11 @@ def _append_total_delay(fit: AxisFit) -> Estimate:
     own = fit.estimate()
     if "lag" not in fit.problem.names:
         return own
-    pair = [fit.problem.names.index(name) for name in ("dead_time", "lag")]
+    names = fit.problem.names
+    pair = [names.index(name) for name in ("dead_time", "lag")]
     return Estimate(
-        np.append(own.value, own.value[pair].sum()),
-        np.column_stack((own.draws, own.draws[:, pair].sum(axis=1))),
+        append_delay(own.value[None], names)[0],
+        append_delay(own.draws, names),
         np.append(own.identifiable, own.identifiable[pair].all()),
         np.append(own.degrees_of_freedom, own.degrees_of_freedom[pair].min()),
         np.append(own.noise, 0.0),

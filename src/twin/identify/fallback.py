@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from twin.base.errors import plural
 from twin.identify.axis_logs import AxisLog
+from twin.identify.axis_selection import DELAYS_S
 from twin.identify.first_look import (
     FirstLook,
     find_possible_linkages,
@@ -53,7 +54,8 @@ def assess_plainly(
     explains them, and what those windows alone give in which the ball hardly rests: as far as these
     differ, a model is in error, or the log does not show the gain. Between end stops shorter
     windows, of a ball that rolls in one direction, give friction and camber instead of damping; the
-    intervals hold what several lengths of these give, with camber and without, levers and plays.
+    intervals hold what several lengths of these give, with camber and without, levers and plays. No
+    interval reaches below zero where the quantity cannot: friction, damping, a command's delay.
 
     Args:
         log: The axis.
@@ -80,11 +82,12 @@ def assess_plainly(
         about = plain_parameter(key, unit, held=log.held)
         value = getattr(first, name)
         narrow = key not in ALIKE and (high - low) / 2 <= about.allowed_half_width(value)
+        least = {"friction": 0.0, "viscous": 0.0, "delay": DELAYS_S[log.held][0]}.get(key, low)
         found[key] = ParameterVerdict(
             about=about,
             name=f"{key}_{axis}",
             value=value,
-            low=low,
+            low=max(low, least),
             high=high,
             word=IDENTIFIED_VERDICT if narrow else PLAIN_VERDICT,
             why=why,
