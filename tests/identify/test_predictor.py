@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from docs.five_numbers import fit_five_numbers_by_scipy, predict_five_numbers
+from docs.five_numbers import FiveNumbers, fit_five_numbers_by_scipy, predict_five_numbers
 from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
 from twin.identify import any_rig, axis_prediction, predictor
@@ -60,6 +60,18 @@ def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
     )
     assert own < 1.2 * other
     assert other < 2e-3
+
+
+def test_the_rival_predicts_what_a_slow_camera_saw():
+    log = axis_of(2, replace(PLAIN, rate=200.0))
+    seen = slice(None, None, 40)  # 5 in a second
+    at = np.arange(2.0, 12.0, 0.4)
+    rival = FiveNumbers(PLAIN.gain, PLAIN.level, PLAIN.dead_time, PLAIN.friction, PLAIN.viscous)
+    errors = predict_five_numbers(
+        rival, log.time, log.tilt, log.sampled[seen], log.ball[seen], at + 0.01
+    )
+    assert np.isfinite(errors).all()
+    assert np.median(np.abs(errors)) < 3e-3
 
 
 HOW = predictor.PREDICTOR_CHOICE
