@@ -18,6 +18,8 @@ from controllers.arrays import Array, Mask
 
 LEAD_S, AHEAD_S = 0.4, 1.0
 """Time from which a prediction starts, and its length."""
+LEAD_SAMPLES = 3.5
+"""Smallest such time in steps between samples, where a camera is slow."""
 STEP_S = 0.01
 """Step of the simulation."""
 TOLERANCE_S = 0.06
@@ -59,6 +61,7 @@ class _Windows:
 
     Attributes:
         begin: When each begins, s, shape (W,).
+        lead_s: Time from which a prediction starts, s.
         since: Time of the samples since then, s, shape (W, B).
         ball: Positions, m, shape (W, B).
         there: Whether there is a sample, shape (W, B).
@@ -67,6 +70,7 @@ class _Windows:
     """
 
     begin: Array
+    lead_s: float
     since: Array
     ball: Array
     there: Mask
@@ -76,8 +80,9 @@ class _Windows:
     @classmethod
     def of(cls, time: Array, command: Array, sampled: Array, ball: Array, at: Array) -> _Windows:
         """The windows of predictions that begin at some times in s."""
-        begin = at - LEAD_S
-        rows = [slice(*np.searchsorted(sampled, (b, b + LEAD_S + AHEAD_S + 0.05))) for b in begin]
+        lead_s = find_lead(sampled)
+        begin = at - lead_s
+        rows = [slice(*np.searchsorted(sampled, (b, b + lead_s + AHEAD_S + 0.05))) for b in begin]
         size = max([5, *(row.stop - row.start for row in rows)])
         since, places = np.zeros((2, len(begin), size))
         there = np.zeros((len(begin), size), bool)
@@ -87,12 +92,12 @@ class _Windows:
             there[w, :n] = True
         steps = np.append(time, max(time[-1], sampled[-1]) + 1.0)
         covered = np.concatenate(([0.0], np.cumsum(command * np.diff(steps))))
-        return cls(begin, since, places, there, steps, covered)
+        return cls(begin, lead_s, since, places, there, steps, covered)
 
     @property
     def lead(self) -> Mask:
         """Samples before a prediction begins."""
-        return self.there & (self.since < LEAD_S)
+        return self.there & (self.since < self.lead_s)
 
     def simulate(self, values: Array, starts: Array, length: float) -> Array:
         """Positions at the samples, shape (C, W, B).
@@ -134,7 +139,7 @@ class _Windows:
             batch[0, 1] += START_STEPS[0]
             batch[1, 2] += START_STEPS[1]
             many = np.tile(values, (3, 1))
-            each = self.simulate(many, batch.reshape(2, -1, len(self.begin)), LEAD_S + STEP_S)
+            each = self.simulate(many, batch.reshape(2, -1, len(self.begin)), self.lead_s + STEP_S)
             own, *moved = each.reshape(3, len(values), *self.ball.shape)
             slopes = np.stack([(m - own) / s for m, s in zip(moved, START_STEPS, strict=True)], -1)
             slopes = slopes * lead[..., None]
@@ -142,14 +147,19 @@ class _Windows:
             normal = np.einsum("cwbi,cwbj->cwij", slopes, slopes) + 1e-6 * np.eye(2)
             score = np.einsum("cwbi,cwb->cwi", slopes, off)
             starts = starts - np.moveaxis(np.linalg.solve(normal, score[..., None])[..., 0], -1, 0)
-        return self.simulate(values, starts, LEAD_S + AHEAD_S + 0.06) - self.ball
+        return self.simulate(values, starts, self.lead_s + AHEAD_S + 0.06) - self.ball
+
+
+def find_lead(sampled: Array) -> float:
+    """Time from which a prediction starts, s, for samples at these times in s."""
+    return max(LEAD_S, LEAD_SAMPLES * float(np.median(np.diff(sampled))))
 
 
 def _guess(windows: _Windows, dead_time: float) -> Array:
     """The five numbers at a dead time by one regression: without friction and damping."""
     zero = np.zeros((2, 1, len(windows.begin)))
     ways = [
-        windows.simulate(np.array([each]), zero, LEAD_S + AHEAD_S + 0.06)[0]
+        windows.simulate(np.array([each]), zero, windows.lead_s + AHEAD_S + 0.06)[0]
         for each in ((1.0, 0.0, dead_time, 0.0, 0.0), (0.0, 1.0, dead_time, 0.0, 0.0))
     ]
     normal = np.zeros((3, 3))
@@ -176,7 +186,7 @@ def fit_five_numbers_by_scipy(
         sampled: When each position was measured, s, shape (M,).
         ball: m, shape (M,).
     """
-    at = np.arange(sampled[0] + LEAD_S, sampled[-1] - AHEAD_S, 0.25)
+    at = np.arange(sampled[0] + find_lead(sampled), sampled[-1] - AHEAD_S, 0.25)
     at = at[:: max(1, -(-len(at) // WINDOWS))]
     windows = _Windows.of(time, command, sampled, ball, at)
     counts = windows.there & ~windows.lead & (windows.lead.sum(axis=1) > 2)[:, None]
@@ -211,7 +221,7 @@ def predict_five_numbers(
     """Errors of its predictions after 1 s in m, from some times in s on; NaN without a sample."""
     windows = _Windows.of(time, command, sampled, ball, begin)
     values = np.array([[model.gain, model.level, model.dead_time, model.friction, model.damping]])
-    off = np.where(windows.there, np.abs(windows.since - LEAD_S - AHEAD_S), np.inf)
+    off = np.where(windows.there, np.abs(windows.since - windows.lead_s - AHEAD_S), np.inf)
     last = off.argmin(axis=1)[:, None]
     errors = np.take_along_axis(windows.predict(values)[0], last, axis=1)[:, 0]
     near = np.take_along_axis(off, last, axis=1)[:, 0] <= TOLERANCE_S

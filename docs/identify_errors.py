@@ -316,7 +316,10 @@ def identify_rig(kind: str, seed: int) -> dict[str, Any]:
 
 
 def _compare_errors(fitted: AxisLog, held: AxisLog, found: Predicted | None) -> dict[str, Any]:
-    """Median errors of the predictions of an axis after 1 s where the ball moves, m."""
+    """Median errors of the predictions of an axis after 1 s where the ball moves, m.
+
+    Of those that begin at the same times.
+    """
     known, unseen = join_logs([fitted]), join_logs([held])
     plain = fit_five_numbers_by_scipy(known.time, known.tilt, known.sampled, known.ball)
     if found is None:
@@ -329,7 +332,8 @@ def _compare_errors(fitted: AxisLog, held: AxisLog, found: Predicted | None) -> 
         "model": found.errors("model", 1.0),
         "five numbers": off,
     }
-    return {who: float(np.nanmedian(np.abs(e[found.moves]))) for who, e in both.items()}
+    same = found.moves & np.isfinite(list(both.values())).all(axis=0)
+    return {who: float(np.median(np.abs(e[same]))) for who, e in both.items()}
 
 
 def known_rig(kind: str, seed: int) -> dict[str, Any]:

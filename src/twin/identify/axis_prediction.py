@@ -171,14 +171,19 @@ def fit_to_predictions(
 
 
 def choose_level(found: Predicted) -> Predicted:
-    """The level followed only while that has predicted better, in what had been seen by then."""
+    """The level followed only while that has predicted better, in what had been seen by then.
+
+    Better by more than chance may: the sum of the gains, in logarithms of the errors, is above its
+    standard deviation for gains that have either sign alike.
+    """
     gained = [
         np.log(np.maximum(np.abs(found.errors(name, 1.0)), 1e-4)) for name in PREDICTOR_NAMES[:2]
     ]
     gain = np.where(found.moves, gained[0] - gained[1], np.nan)
     seen = found.begin[:, None] >= found.begin + 1.0 + found.how.horizon_tolerance_s
-    so_far = np.nansum(np.where(seen, gain, 0.0), axis=1)
-    followed = np.where(so_far[:, None] > 0, found.by["level followed"], found.by["model"])
+    so_far = np.where(seen, np.nan_to_num(gain), 0.0)
+    better = so_far.sum(axis=1) > np.sqrt((so_far**2).sum(axis=1))
+    followed = np.where(better[:, None], found.by["level followed"], found.by["model"])
     return replace(found, by={**found.by, "level followed": followed})
 
 

@@ -7,8 +7,9 @@ stretch forgets what the model lacks. Fits that predict equally well may have ot
 log shows which of them is best on another log: one chosen by a small difference is chosen by
 chance. So each half of the log is predicted by fits of the other, in each of these ways, and the
 ways are averaged with weights by their errors, as forecasts are (Bates and Granger 1969). A full
-model whose gain may be zero has at most half the weight. Five numbers also predict alone where it
-cannot be fitted.
+model whose gain may be zero predicts without a camber, with at most half the weight. Five numbers
+predict alone where it cannot be fitted, or its gain may be zero and the log is too short to
+compare.
 """
 
 from __future__ import annotations
@@ -53,8 +54,6 @@ class PredictorChoice:
         interval_s: Time between the predictions to which they are fitted.
         leads_s: Lengths of the samples from which a prediction may start, in whole bins of samples,
             so that predictions of the same time have the same samples ahead.
-        long_lead_s: The length where the model explains the log, of a log too short to compare.
-        brief_lead_s: The length where it does not.
         min_lead_samples: Smallest number of samples of such a length.
         weight_power: Weights fall with this power of the median error. For the mean of independent
             errors 2 would be best; those of the ways have much in common, so the better of two
@@ -69,9 +68,7 @@ class PredictorChoice:
     horizon_s: float = 1.0
     interval_s: float = 0.25
     leads_s: tuple[float, ...] = tuple(n * SAMPLE_BIN_S for n in (16, 25, 44, 75))
-    long_lead_s: float = 0.7
-    brief_lead_s: float = 0.25
-    min_lead_samples: int = 5
+    min_lead_samples: int = 4
     weight_power: float = 4.0
     least_error_m: float = 1e-6
     min_weight: float = 0.03
@@ -137,6 +134,7 @@ def choose_predictor(
         alone: Whether it may have more than half the weight: its gain is not zero.
         look: A first look at its log, which is a guess of the five numbers as well.
     """
+    fit = fit if alone else _leave_out_camber(fit)
     refits = [lambda log: _refit(fit, log)]
     try:
         plain = _reduce(fit, look, how)
@@ -186,15 +184,15 @@ def _average(
 
     Returns:
         The mean, the weight of each fit, shape (F,), and the median errors in m by which they were
-        found, shape (F, L): None of a log that is too short, where all fits have the same weight.
+        found, shape (F, L): None of a log that is too short to compare, where all ways have the
+        same weight, but none a first fit that may not be alone.
     """
     leads = _possible_leads(fits[0].log, how)
     errors = _cross_validate(fits[0], refits, leads, how)
-    if errors is None:
-        explained = any((fit.windowed or fit).explained for fit in fits)
-        usual = how.long_lead_s if explained else how.brief_lead_s
-        leads = [min(leads, key=lambda each: abs(each - usual))]
-    weights = find_weights(np.ones((len(fits), 1)) if errors is None else errors, how, alone=alone)
+    alike = np.ones((len(fits), len(leads)))
+    if not alone:
+        alike[0] = np.inf
+    weights = find_weights(alike if errors is None else errors, how, alone=alone)
     used = np.argwhere(weights)
     ways = tuple(fits[k].with_lead(leads[each]) for k, each in used)
     return AxisPredictor(ways, weights[weights > 0]), weights.sum(axis=1), errors
@@ -349,12 +347,29 @@ def _refit_plainly(fit: AxisFit, log: AxisLog, how: PredictorChoice) -> AxisFit:
     return replace(other, found=fit.found._replace(theta=theta))
 
 
-def _refit(fit: AxisFit, log: AxisLog) -> AxisFit:
-    """The full fit to a part of its log, by what it is fitted to: windows or predictions."""
-    other = fit.refit(log, fit.problem.names, fit.problem.longest)
+def _refit(fit: AxisFit, log: AxisLog, names: tuple[str, ...] | None = None) -> AxisFit:
+    """The full fit to a part of its log, by what it is fitted to: windows or predictions.
+
+    Args:
+        fit: Of an axis.
+        log: The part.
+        names: Other parameters than those of the fit.
+    """
+    other = fit.refit(log, names or fit.problem.names, fit.problem.longest)
     if fit.windowed is None or fit.problem.drift:
         return other
-    return replace(other, found=other.found._replace(theta=fit_to_predictions(other)))
+    theta = fit_to_predictions(other)
+    return replace(other, found=other.found._replace(theta=theta), windowed=fit.windowed)
+
+
+def _leave_out_camber(fit: AxisFit) -> AxisFit:
+    """The full fit without a camber.
+
+    A force that grows with the place makes up for gain, level and damping where the ball has been;
+    on another log the ball is elsewhere.
+    """
+    names = tuple(name for name in fit.problem.names if name != "camber")
+    return fit if names == fit.problem.names else _refit(fit, fit.log, names)
 
 
 def _cross_validate(
