@@ -276,6 +276,8 @@ def look_with_linkages(
     these, it does not show the gain either. A play makes up for a part of a lever, so both are
     sought together. All levers without play and all plays with the lever of the log are tried, and
     then what lies next to each linkage that explains the windows, until no new one explains them.
+    Of so many, one explains some windows by chance: there is none where that of the log shows
+    nothing.
 
     Args:
         windows: Of one kind.
@@ -283,24 +285,26 @@ def look_with_linkages(
         known: Looks that are not repeated, by their linkages.
 
     Returns:
-        The looks with a linkage that no likelihood ratio rejects, and with those next to it, as the
-        true one lies between two; the best one first.
+        The looks with a linkage that no likelihood ratio rejects, and with those next to the best
+        one, as the true one may lie between two; the best one first.
     """
-    own, looks = windows.grid.linkage, dict(known)
-    most = windows.grid.how.max_likelihood_ratio
-    pending = {*(own._replace(lever=each) for each in tried.levers)}
-    pending |= {own._replace(play=each) for each in tried.plays}
-    possible, misfits = list[Linkage](), dict[Linkage, float]()
-    while pending := pending - looks.keys():
-        looks |= {each: _look_at(windows, ("friction", "camber"), each) for each in sorted(pending)}
-        every = list(looks.values())
-        if not any(every):
-            return []
-        misfits = dict(zip(looks, find_misfits(every).tolist(), strict=True))
+    own, most = windows.grid.linkage, windows.grid.how.max_likelihood_ratio
+    looks = dict(known) or {own: _look_at(windows, ("friction", "camber"), own)}
+    if not looks[own]:
+        return []
+    wanted = {own._replace(lever=each) for each in tried.levers}
+    wanted |= {own._replace(play=each) for each in tried.plays}
+    while True:
+        fresh = sorted(wanted - looks.keys())
+        looks |= {each: _look_at(windows, ("friction", "camber"), each) for each in fresh}
+        misfits = dict(zip(looks, find_misfits(list(looks.values())).tolist(), strict=True))
         least = min(misfits.values())
         possible = [each for each, misfit in misfits.items() if misfit < least + most]
-        pending = {other for each in possible for other in tried.around(each)}
-    near = {each for one in possible for each in tried.around(one, aslant=False)}
+        wanted = {other for each in possible for other in tried.around(each)}
+        if wanted <= looks.keys():
+            break
+    best = min(possible, key=misfits.__getitem__)
+    near = {*possible, *tried.around(best, aslant=False)}
     return [look for each in sorted(near, key=misfits.__getitem__) if (look := looks[each])]
 
 
