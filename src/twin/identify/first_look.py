@@ -120,7 +120,7 @@ class FirstLook:
             f"first look, {axis}: gain {gain} m/s^2 by {unit} (best {digits(self.gain)}), "
             f"dead time + lag {delay} s, level {level} m/s^2, from "
             f"{plural(self.windows, 'window')} {rolls}{without}; these 95 % intervals hold windows "
-            f"of several lengths, friction, camber, play and the height of the ball{ends}"
+            f"of several lengths, friction, camber, damping, play and the height of the ball{ends}"
         )
 
 
