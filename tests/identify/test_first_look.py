@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
-from twin.identify import command_model
+from twin.identify import command_model, first_look
 from twin.identify.any_rig import identify_axes
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
@@ -28,6 +29,7 @@ from twin.identify.first_look import (
     look_first,
     look_linearly,
     look_plainly,
+    look_with_linkages,
 )
 from twin.identify.further_terms import find_significance, find_term
 from twin.identify.least_squares import StepControl, fit_starts_from_scratch, minimise
@@ -268,12 +270,66 @@ def test_a_command_of_two_values_leaves_the_play_open_and_the_gain_with_it():
     assert find_possible_linkages(replace(log, held=False)).plays == (0.0,)
 
 
+def test_levers_and_plays_are_sought_together(monkeypatch, log):
+    """Along a valley aslant, in which neither lever nor play alone leads to the least misfit."""
+    tried = find_possible_linkages(log)
+    windows = WeakWindows.of(make_grids(log, (0.4,))[0], rolling=True)
+
+    def misfit(each):
+        lever, play = each.lever / 0.2, each.play / 0.4
+        return 60 * (lever + play - 1.0) ** 2 + 12 * (play - 1.0) ** 2
+
+    monkeypatch.setattr(first_look, "_look_at", lambda _, __, linkage: linkage)
+    monkeypatch.setattr(
+        first_look, "find_misfits", lambda looks: np.array([misfit(each) for each in looks])
+    )
+    every = [Linkage(lever, play) for lever in tried.levers for play in tried.plays]
+    good = {each for each in every if misfit(each) < min(map(misfit, every)) + 3.84}
+    assert Linkage(0.0, 0.4) in good
+    assert not {each.lever for each in good if each.play > 0} <= {0.0}
+    found = look_with_linkages(windows, tried)
+    assert misfit(found[0]) == min(map(misfit, every))
+    assert good < set(found)
+    assert len(found) < len(every) / 4
+
+
+def test_a_play_that_takes_most_of_the_motion_is_found():
+    """The gap is 0.7 swings to each side; up to half a swing the gain is too small."""
+    swing = float(np.std(exact_motion(0.02).tilt))
+    log = exact_motion(0.02, play=2 * 0.7 * swing)
+    windows = WeakWindows.of(make_grids(log, (0.9,))[0], rolling=False)
+    plays = find_possible_linkages(log).plays
+    found = join_looks(look_with_linkages(windows, TriedLinkages((0.0,), plays)))
+    low, high = found.interval("gain")
+    assert low < 6.0 < high
+    small = [each for each in plays if each <= 0.5]
+    least = join_looks(look_with_linkages(windows, TriedLinkages((0.0,), small)))
+    assert least.interval("gain")[1] < 6.0
+
+
+def test_a_damping_is_part_of_what_a_rolling_ball_leaves_open():
+    """Friction and camber take up a damping of 0.6 1/s as a delay that is too small."""
+    rig = Rig(seconds=24.0, viscous=0.6, friction=0.02)
+    time, sampled, ball, command, _ = simulate_log(3, rig)
+    log = AxisLog(time, command, True, sampled, ball)
+    looks = look_at_rolling_in_several_ways(log, TriedLinkages())
+    undamped = [each for each in looks if "damping" not in each.terms]
+    truth = {"delay": rig.dead_time + rig.lag, "friction": rig.friction}
+    for name, value in truth.items():
+        low, high = join_looks(looks).interval(name)
+        assert low < value < high
+    low, high = join_looks(undamped).interval("delay")
+    assert not low < truth["delay"] < high
+
+
 def test_no_negative_damping_is_believed():
     time, ball, sent = linear_motion(6.0, -0.8, 0.15)
     log = AxisLog(time, sent, False, time, ball)
     looks = look_linearly(WeakWindows.of(make_grids(log, (0.9,))[0], rolling=False))
+    rolling = look_at_rolling_in_several_ways(log, TriedLinkages())
     assert looks
-    assert all(each.damping == 0 for each in looks)
+    assert rolling
+    assert all(each.damping == 0 for each in (*looks, *rolling))
 
 
 def test_a_ball_that_turns_at_the_same_places_is_at_no_end_stop():

@@ -29,7 +29,7 @@ PLAIN_WHY = "by a plain model, whose variants its interval holds"
 """Reason of a verdict by windows of any motion."""
 ROLLING_WHY = (
     "by short windows of a ball that rolls in one direction; the interval holds several lengths of "
-    "them, with camber and without, levers and plays"
+    "them, with camber, damping or neither, levers and plays"
 )
 """Reason of a verdict by windows between end stops."""
 NAMES = {"damping": "viscous"}
@@ -54,8 +54,9 @@ def assess_plainly(
     explains them, and what those windows alone give in which the ball hardly rests: as far as these
     differ, a model is in error, or the log does not show the gain. Between end stops shorter
     windows, of a ball that rolls in one direction, give friction and camber instead of damping; the
-    intervals hold what several lengths of these give, with camber and without, levers and plays. No
-    interval reaches below zero where the quantity cannot: friction, damping, a command's delay.
+    intervals hold what several lengths of these give, with camber, damping or neither, levers and
+    plays. No interval reaches below zero where the quantity cannot: friction, damping, a command's
+    delay.
 
     Args:
         log: The axis.
@@ -124,8 +125,8 @@ def _describe_look(look: FirstLook, axis: str) -> str:
             f"form: gain, dead time + lag, {terms} are those of its motion, "
             f"{share:.0f} % of which they explain in {windows}; dead time from lag, "
             "damping from friction, and play from dead band are not told apart. The intervals "
-            "hold what windows of several lengths give, with camber and without, and with each "
-            "lever and play that explains them"
+            "hold what windows of several lengths give, with camber, damping or neither, and with "
+            "each lever and play that explains them"
         )
     return (
         f"{begin}: its terms make up for each other, or it is in error. A plain model by the weak "

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from controllers.arrays import Array, Mask
 from twin.base.errors import plural
@@ -121,7 +120,7 @@ class FirstLook:
             f"first look, {axis}: gain {gain} m/s^2 by {unit} (best {digits(self.gain)}), "
             f"dead time + lag {delay} s, level {level} m/s^2, from "
             f"{plural(self.windows, 'window')} {rolls}{without}; these 95 % intervals hold windows "
-            f"of several lengths, friction, camber, play and the height of the ball{ends}"
+            f"of several lengths, friction, camber, damping, play and the height of the ball{ends}"
         )
 
 
@@ -148,6 +147,27 @@ class TriedLinkages:
 
     levers: Sequence[float] = (0.0,)
     plays: Sequence[float] = (0.0,)
+
+    def around(self, linkage: Linkage, *, aslant: bool = True) -> set[Linkage]:
+        """A linkage and those next to it.
+
+        Args:
+            linkage: One of those that are tried.
+            aslant: Whether with those of which both lever and play differ.
+        """
+        levers, plays = (
+            line[max(at - 1, 0) : at + 2]
+            for line, at in (
+                (self.levers, self.levers.index(linkage.lever)),
+                (self.plays, self.plays.index(linkage.play)),
+            )
+        )
+        return {
+            Linkage(lever, play)
+            for lever in levers
+            for play in plays
+            if aslant or linkage.lever == lever or linkage.play == play
+        }
 
 
 def find_possible_linkages(log: AxisLog) -> TriedLinkages:
@@ -253,8 +273,11 @@ def look_with_linkages(
 
     The plate's acceleration moves a ball that is a lever above its axis: x'' = gain (u - lever u''
     / g). Behind a gap the plate moves by less than the command, and later. Where a log hardly shows
-    these, it does not show the gain either. Levers are tried without play, then plays with the best
-    of these levers, and levers with the best of these plays where that is significant.
+    these, it does not show the gain either. A play makes up for a part of a lever, so both are
+    sought together. All levers without play and all plays with the lever of the log are tried, and
+    then what lies next to each linkage that explains the windows, until no new one explains them.
+    Of so many, one explains some windows by chance: there is none where that of the log shows
+    nothing.
 
     Args:
         windows: Of one kind.
@@ -262,36 +285,27 @@ def look_with_linkages(
         known: Looks that are not repeated, by their linkages.
 
     Returns:
-        The looks with a linkage that no likelihood ratio rejects, and with those next to it, as the
-        true one lies between two; the best one first.
+        The looks with a linkage that no likelihood ratio rejects, and with those next to the best
+        one, as the true one may lie between two; the best one first.
     """
-    looks, lines = dict(known), list[list[Linkage]]()
-    most = windows.grid.how.max_likelihood_ratio
-
-    def look_along(line: list[Linkage]) -> dict[Linkage, float]:
-        """Misfits of all linkages so far, with those of a line; none without any look."""
-        lines.append(line)
-        for each in line:
-            if each not in looks:
-                looks[each] = _look_at(windows, ("friction", "camber"), each)
-        every = list(looks.values())
-        return dict(zip(looks, find_misfits(every).tolist(), strict=True)) if any(every) else {}
-
-    misfits = look_along([Linkage(each) for each in tried.levers])
-    own = min(misfits, key=misfits.__getitem__, default=windows.grid.linkage)
-    misfits = look_along([own._replace(play=each) for each in tried.plays])
-    best = min(misfits, key=misfits.__getitem__, default=own)
-    if misfits and misfits[best] + most < misfits[own]:
-        misfits = look_along([best._replace(lever=each) for each in tried.levers])
-    near = set[Linkage]()
-    for line in lines if misfits else ():
-        may_be = [misfits[each] < min(misfits.values()) + most for each in line]
-        near |= {
-            line[k]
-            for k in np.flatnonzero(maximum_filter1d(np.array(may_be, np.uint8), 3, mode="nearest"))
-        }
-    possible = sorted(near, key=lambda each: misfits[each])
-    return [look for each in possible if (look := looks[each])]
+    own, most = windows.grid.linkage, windows.grid.how.max_likelihood_ratio
+    looks = dict(known) or {own: _look_at(windows, ("friction", "camber"), own)}
+    if not looks[own]:
+        return []
+    wanted = {own._replace(lever=each) for each in tried.levers}
+    wanted |= {own._replace(play=each) for each in tried.plays}
+    while True:
+        fresh = sorted(wanted - looks.keys())
+        looks |= {each: _look_at(windows, ("friction", "camber"), each) for each in fresh}
+        misfits = dict(zip(looks, find_misfits(list(looks.values())).tolist(), strict=True))
+        least = min(misfits.values())
+        possible = [each for each, misfit in misfits.items() if misfit < least + most]
+        wanted = {other for each in possible for other in tried.around(each)}
+        if wanted <= looks.keys():
+            break
+    best = min(possible, key=misfits.__getitem__)
+    near = {*possible, *tried.around(best, aslant=False)}
+    return [look for each in sorted(near, key=misfits.__getitem__) if (look := looks[each])]
 
 
 def look_at_any_motion(
@@ -326,8 +340,8 @@ def look_at_rolling_in_several_ways(
 ) -> list[FirstLook]:
     """Looks at a ball that rolls in one direction by windows of several lengths, the usual first.
 
-    Each with friction and camber, without camber, and with the linkages that explain them. How far
-    they differ is how far the model is in error.
+    Each with friction and camber, without camber, with damping in its place, and with the linkages
+    that explain them. How far they differ is how far the model is in error.
 
     Args:
         log: The axis.
@@ -337,7 +351,7 @@ def look_at_rolling_in_several_ways(
     found = []
     for grid in make_grids(log, (how.window_s, *how.rolling_windows_s), how):
         if windows := WeakWindows.of(grid, rolling=True):
-            found += _look_with_friction(windows, tried, (("friction",),))
+            found += _look_with_friction(windows, tried, (("friction",), ("friction", "damping")))
     return found
 
 
@@ -354,7 +368,8 @@ def _look_with_friction(
     own, several = windows.grid.linkage, (("friction", "camber"), *others)
     usual = [_look_at(windows, terms, own) for terms in several]
     linked = look_with_linkages(windows, tried, {own: usual[0]})
-    return _put_best_first([*filter(None, usual)], linked)
+    possible = [look for look in usual if look and look.damping >= 0]
+    return _put_best_first(possible, linked)
 
 
 def _put_best_first(usual: list[FirstLook], with_linkages: list[FirstLook]) -> list[FirstLook]:
