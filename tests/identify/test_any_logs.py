@@ -131,3 +131,19 @@ def test_a_rate_is_the_inverse_of_a_time():
     assert unit_factor("50Hz", "s") == pytest.approx(0.02)
     assert unit_factor("2.5 kHz", "s") == pytest.approx(4e-4)
     assert unit_factor("50Hz", "m") is None
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ("time=t,measured_x=x@60,command_phi=u", r"as measured_x=x:mm@60$"),
+        ("time=t,measured_x=2@-1.5,command_phi=u", r"as measured_x=2:mm@-1.5$"),
+        ("time=t,measured_x=x,command_phi=u@90", r"as command_phi=u:deg@90$"),
+        ("time=t,measured_x=w@60,command_phi=u", "no column w@60"),
+        ("time=t,measured_x=x@y,command_phi=u", "no column x@y"),
+    ],
+)
+def test_a_number_at_zero_without_a_unit_is_answered_with_the_right_form(tmp_path, columns, says):
+    with pytest.raises(LogError, match=says) as caught:
+        read_any(written(tmp_path, 0.1 * np.sin(T)), wanted_columns(columns))
+    assert "\n" not in str(caught.value)

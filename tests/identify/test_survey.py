@@ -272,3 +272,32 @@ def test_a_command_that_was_written_twice_is_not_that_of_the_other_axis(tmp_path
     assert "command_theta: angle_y equals angle_x (command_phi) in every row" in note
     other = write(tmp_path / "b.csv", header, T, X, X[::-1], U, np.append(U[:-1], U[-1] + 1e-3))
     assert not read_any(other, wanted_columns(told)).notes
+
+
+COUNTERS = ["n", "index", "Frame", "Sample No.", "frame_idx", "", "Unnamed: 0", "step", "foo"]
+
+
+@pytest.mark.parametrize("name", COUNTERS)
+def test_a_column_that_counts_rows_is_a_time_whose_rate_has_to_be_given(tmp_path, name):
+    count = np.arange(7, len(T) + 7)
+    file = write(tmp_path / "a.csv", f"{name},X,servo", count, 1e3 * X, np.degrees(U))
+    found = survey(file)
+    asked = shlex.split(found.command)[-1]
+    assert asked.startswith(f"time={name or 1}:RATEHz,")
+    assert f"time={name or 1}:100Hz" in found.notes[0]
+    axis = read_any(file, wanted_columns(asked.replace("RATEHz", "50Hz"))).axes["x"]
+    assert axis.sampled == pytest.approx(T)
+    assert axis.ball == pytest.approx(X, abs=1e-6)
+    # any column of times is better
+    header = f"{name},seconds,X,servo"
+    both = write(tmp_path / "b.csv", header, count, T, 1e3 * X, np.degrees(U))
+    assert "time=seconds:s," in survey(both).command
+
+
+def test_a_counter_may_miss_rows_and_is_none_if_it_counts_anything_else(tmp_path):
+    lossy = np.delete(np.arange(len(T) + 3), [5, 80, 81])
+    found = survey(write(tmp_path / "a.csv", "frame,X,servo", lossy, 1e3 * X, np.degrees(U)))
+    assert "time=frame:RATEHz," in found.command
+    for numbers in (np.cumsum(lossy), np.ones(len(T)), 0.5 * lossy):
+        file = write(tmp_path / "b.csv", "number,X,servo", numbers, 1e3 * X, np.degrees(U))
+        assert "time=NAME:s," in survey(file).command

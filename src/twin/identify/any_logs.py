@@ -86,7 +86,7 @@ def read_any(
         factor = unit_factor(unit, ROLE_UNITS[role]) if unit else 1.0
         if factor is None:
             raise LogError(
-                f"{path.name}: {role}: unit '{unit}' of {column.name}; tell it, as "
+                f"{path.name}: {role}: unit '{unit}' of {column.name}; give it, as "
                 f"{role}=NAME:{list(UNIT_SCALES[ROLE_UNITS[role]])[-1]}, with a factor before it "
                 "(a pixel of half a millimetre as NAME:0.5mm, a count as NAME:0.24deg)"
             )
@@ -250,7 +250,7 @@ def _clean_log(
     sampled_at = time[np.isfinite(ball).all(axis=-1)] if merged else time
     step = float(np.median(np.diff(sampled_at))) if len(sampled_at) > 1 else 0.0
     if len(time) < 50 or not 2e-5 < step < MAX_COMMAND_GAP_S:
-        hint = "; milliseconds? tell time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
+        hint = "; milliseconds? give time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
         raise LogError(
             f"{source}: {plural(len(time), 'usable row')}, {step:.3g} s apart: at least 50 are "
             f"needed, at most {MAX_COMMAND_GAP_S:g} s apart{hint}"
@@ -270,7 +270,7 @@ def _clean_log(
         either = "the ball hardly moves, or " if far <= MIN_MOTION_M else ""
         raise LogError(
             f"{source}: the ball's positions lie within {far:.3g} m of their middle, a plate's "
-            f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}tell the unit, as "
+            f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}give the unit, as "
             "measured_x=NAME:mm"
         )
     seen &= np.isfinite(ball).all(axis=-1)

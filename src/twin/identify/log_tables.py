@@ -25,6 +25,8 @@ BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
 """Cells without a number, in small letters."""
 BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 """Words that stand for a number, in small letters."""
+UNITS_OF_EXAMPLES = {"m": "mm", "rad": "deg", "s": "ms", "1": "1"}
+"""SI unit to the unit that an example of an option has."""
 FEW_ODD_ROWS = 0.02
 """Up to this share of rows, a row with a different number of cells counts as damaged."""
 MAX_CUT_ROWS = 0.2
@@ -113,6 +115,18 @@ def find_column(source: str, header: list[str], role: str, column: ColumnWanted)
             return index, split_unit(header[index])[1] or ""
     if column.name.isdecimal() and int(column.name) >= 1:
         return int(column.name) - 1, ""
+    name, at, zero = column.name.rpartition("@")
+    if (
+        at
+        and not column.unit
+        and (name.isdecimal() or name.casefold() in names)
+        and _is_number(zero)
+    ):
+        unit = UNITS_OF_EXAMPLES[ROLE_UNITS[role]]
+        raise LogError(
+            f"--columns: {role}={column.name}: a number at zero needs the unit before it, as "
+            f"{role}={name}:{unit}@{zero}"
+        )
     has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
     meant = suggest(column.name, (split_unit(each)[0] for each in header))
     raise LogError(f"{source}: {role}: no column {column.name}{meant} (it has {has})")
