@@ -73,7 +73,8 @@ VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=1:2:3
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
     "run": "SCENARIO",
-    "rn": "No such command",
+    "exprt made a.csv": "No such command 'exprt'; did you mean 'export'?",
+    "qqq": "No such command 'qqq'; ballplate --help lists all",
     "run cirle": "did you mean 'circle'",
     "run foo": "cure, cure_afl, cure_backstepping, excite, hold, line, sine, step; `",
     "run circle --beside crue": "did you mean 'cure'",
@@ -210,6 +211,7 @@ TABLE = [(line.split(), words) for line, words in LINES.items()]
 TABLE += [
     (["describe", ""], "nothing called ''; `ballplate describe` lists every key"),
     (["run", "circle", "--out", ""], "--out: names no folder"),
+    (["export", "made", ""], "FILE: names no file"),
     (["report", "n" * 5000], "no file can have so long a name"),
 ]
 IDS = [" ".join(arguments)[:60] for arguments, _ in TABLE]
