@@ -115,6 +115,20 @@ NAMES = {
     "t,roll_setpoint,ball_pos": "ball_pos - roll_setpoint -",
     "t,pos_est,pos_raw,servo_cmd,servo_pos": "pos_raw - servo_cmd -",
     "t,Abstand [mm],Stellgröße [deg]": "Abstand - Stellgröße -",
+    "Zeit [s],Kugelposition x [mm],Kugelposition y [mm],Stellwinkel x [°],Stellwinkel y [°]": (
+        "Kugelposition x|Kugelposition y|Stellwinkel x|Stellwinkel y"
+    ),
+    "Zeit in s,Kugel x in mm,Kugel y in mm,Plattenwinkel-Soll x in °,Plattenwinkel-Soll y in °": (
+        "Kugel x in mm|Kugel y in mm|Plattenwinkel-Soll x in °|Plattenwinkel-Soll y in °"
+    ),
+    "temps_ms,bille_x_mm,bille_y_mm,commande_x_deg,commande_y_deg": (
+        "bille_x_mm bille_y_mm commande_x_deg commande_y_deg"
+    ),
+    "Tiempo [s],Posicion X [mm],Posicion Y [mm],Angulo X [deg],Angulo Y [deg]": (
+        "Posicion X|Posicion Y|Angulo X|Angulo Y"
+    ),
+    "tempo,palla_x,palla_y,comando_x,comando_y": "palla_x palla_y comando_x comando_y",
+    "t,plate_x,plate_y,ball_x,ball_y": "ball_x ball_y - -",
     "t,motor_speed,x,voltage": "x - - -",
     "t,dist,pulse_us": "dist - pulse_us -",
     "t,StepX,StepY,time_step,X,Y": "X Y StepX StepY",
@@ -135,8 +149,9 @@ def test_roles_follow_the_words_of_the_names(tmp_path, header):
         for guess in survey(write(tmp_path / "a.csv", header, *columns)).guesses
     }
     roles = "measured_x", "measured_y", "command_phi", "command_theta"
-    assert " ".join(found.get(role, "-") for role in roles) == NAMES[header]
-    assert found["time"] == "t"
+    between = "|" if "|" in NAMES[header] else " "
+    assert between.join(found.get(role, "-") for role in roles) == NAMES[header]
+    assert found["time"] == names[0].partition(" [")[0]
 
 
 def test_a_measured_angle_is_told_from_a_command(tmp_path):

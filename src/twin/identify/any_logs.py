@@ -15,6 +15,7 @@ import scipy
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
+from twin.identify.clocks import unwrap
 from twin.identify.log_columns import (
     AXIS_COLUMNS,
     ROLE_UNITS,
@@ -24,6 +25,7 @@ from twin.identify.log_columns import (
     unit_factor,
 )
 from twin.identify.log_tables import (
+    are_times_of_day,
     counts_rows,
     find_column,
     open_content,
@@ -99,6 +101,12 @@ def read_any(
             notes.append(
                 f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
             )
+        if role == "time":
+            values, wraps = unwrap(values, of_day=are_times_of_day(cells[index]))
+            if wraps:
+                notes.append(
+                    f"the clock {column.name} wraps {plural(wraps, 'time')}: taken as going on"
+                )
         columns[role] = column.to_si(values, factor)
         if index in clocks:
             times[role] = clocks[index]
@@ -320,6 +328,9 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
         notes: Of the log, to which is added what was done.
     """
     there = np.isfinite(columns["time"])
+    there[_begin_of_unfilled_end(columns) :] = False
+    if unfilled := int(np.isfinite(columns["time"]).sum() - there.sum()):
+        notes.append(f"{plural(unfilled, 'row')} at the end left out: all numbers are 0")
     columns = {role: values[there] for role, values in columns.items()}
     false = _find_false_times(columns["time"])
     if false.any():
@@ -344,6 +355,20 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     if (left := int((~kept).sum()) - joined) > 0:
         notes.append(f"{plural(left, 'row')} of a time that does not rise left out")
     return {role: values[kept] for role, values in (columns | {"time": time}).items()}
+
+
+def _begin_of_unfilled_end(columns: Mapping[str, Array]) -> int:
+    """The first of the rows at the end that are all 0, as of a table that was not filled.
+
+    A single such row is kept.
+
+    Args:
+        columns: Role to values, shape (K,) each.
+    """
+    filled = np.flatnonzero(np.any([values != 0 for values in columns.values()], axis=0))
+    count = len(columns["time"])
+    begin = int(filled[-1]) + 1 if len(filled) else 0
+    return begin if begin < count - 1 else count
 
 
 def _find_false_times(time: Array) -> Mask:

@@ -29,7 +29,7 @@ SINGLE_NAMES = {
 """Kinds that whole names state."""
 
 _KNOWN = frozenset().union(*_WORDS.values(), *WEAK_NAMES)
-_JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed"
+_JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed", "plate"
 _PARTS = sorted(
     (word for kind in _JOINED_KINDS for word in _WORDS[kind] if len(word) > 2),
     key=len,

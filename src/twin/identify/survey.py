@@ -13,6 +13,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
+from twin.identify.clocks import unwrap
 from twin.identify.column_names import COUNTER, Suggestion, suggest_kinds
 from twin.identify.log_columns import (
     AXIS_COLUMNS,
@@ -28,7 +29,7 @@ from twin.run.readers import ForeignTable
 
 NAME_UNITS = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us"}
 """Names that state the unit of their numbers."""
-UNIT_ENDING = re.compile(r"(?i)(.+)[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg)")
+UNIT_ENDING = re.compile(r"(?i)(.+?)(?:[_ ]in)?[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg|°)")
 """A name that ends in its unit, as ``x_mm``."""
 TIME_STEPS = (("s", 1e-5, 0.5), ("ms", 0.5, 500.0), ("us", 500.0, 5e5), ("ns", 5e5, 5e8))
 """Unit of a time, and from and to which step of its numbers it is assumed."""
@@ -195,13 +196,20 @@ def survey(
         )
     elif "time" in found:
         guess = found["time"]
-        (values,) = (each.values for each in columns if each.name == guess.column)
-        notes += _describe_times(guess.column, values * (unit_factor(guess.unit or "s", "s") or 1))
+        (column,) = (each for each in columns if each.name == guess.column)
+        numbers, wraps = unwrap(column.values, of_day=column.dated and column.values.min() < 86400)
+        factor = unit_factor(guess.unit or column.unit or "s", "s") or 1.0
+        notes += _describe_times(guess.column, factor * numbers)
+        if wraps:
+            notes.append(f"{guess.column}: wraps {plural(wraps, 'time')}, and is taken as going on")
     elif any(column.clock is None for column in columns):
         notes.append(
             "no column looks like a time: name one, or for rows at a constant rate give "
             f"time={ROW_NAME}:100Hz"
         )
+    names = [column.name for column in columns]
+    for name in dict.fromkeys(name for name in names if names.count(name) > 1):
+        notes.append(f"{names.count(name)} columns are called {name}: give their numbers")
     described: set[int] = set()
     for column in columns:
         if column.clock is not None and id(column.clock) not in described:
