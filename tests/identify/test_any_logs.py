@@ -147,3 +147,26 @@ def test_a_number_at_zero_without_a_unit_is_answered_with_the_right_form(tmp_pat
     with pytest.raises(LogError, match=says) as caught:
         read_any(written(tmp_path, 0.1 * np.sin(T)), wanted_columns(columns))
     assert "\n" not in str(caught.value)
+
+
+def test_positions_in_rows_of_their_own_are_taken_at_the_times_of_x(tmp_path):
+    """The rows of x, y and the command follow each other; no row has two of them."""
+    lines = [
+        line
+        for t in T
+        for line in (
+            f"{t:.3f},{0.1 * np.sin(t):.6f},,,",
+            f"{t + 0.01:.3f},,{0.1 * np.cos(t + 0.01):.6f},,",
+            f"{t + 0.02:.3f},,,{np.cos(t):.6f},{np.sin(t):.6f}",
+        )
+    ]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["t,x,y,u,v", *lines]))
+    log = read_any(
+        file, wanted_columns("time=t,measured_x=x,measured_y=y,command_phi=u,command_theta=v")
+    )
+    x, y = log.axes["x"], log.axes["y"]
+    assert len(x.sampled) >= len(T) - 2
+    assert x.ball == pytest.approx(0.1 * np.sin(x.sampled), abs=2e-6)
+    assert y.ball == pytest.approx(0.1 * np.cos(y.sampled), abs=1e-4)
+    assert any("rows of its own" in note for note in log.notes)

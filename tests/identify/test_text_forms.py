@@ -100,6 +100,17 @@ FORMS = {
         dated("I ({ms:.0f}) rig: {x},{u}"),
         "time=1:s,measured_x=2:mm,command_phi=3:deg",
     ),
+    "log with Unix times": (
+        dated("{s:.3f} INFO rig x={x} u={u}"),
+        "time=received_s,measured_x=x:mm,command_phi=u:deg",
+    ),
+    "syslog": (rows("May  1 12:34:56 pi rig[123]: {t:.0f},{x},{u}"), NUMBERED),
+    "colours of a terminal": (rows(f"\x1b[32m{CELLS}\x1b[0m"), NUMBERED),
+    "angle brackets": (rows(f"<{CELLS}>"), NUMBERED),
+    "check sums": (
+        rows(f"$BALL,{CELLS}*5F"),
+        "time=2:ms,measured_x=3:mm,command_phi=4:deg",
+    ),
     "dictionaries of Python": (rows("{{'t': {t}, 'x': {x}, 'u': {u}}}"), NAMED),
     "bars": (rows("| {t:.0f} | {x} | {u} |", ["| t | x | u |", "|---|--:|---|"]), NAMED),
     "bars between": (rows("{t:.0f}|{x}|{u}", ["t|x|u"]), NAMED),

@@ -42,6 +42,8 @@ MIN_SHARED_STAMPS, MIN_WHOLE_SHARE = 0.9, 0.95
 rows of such a log that have a command."""
 MAX_STAMP_RATIO = 1.5
 """Time between two stamps of a coarse clock, over the usual one, above which rows are missing."""
+MIN_SHARED_ROWS = 0.1
+"""Share of the rows with a position along one axis that has to have one along the other, too."""
 SPEED_WINDOW_S = 0.2
 """Time in s over which a speed is seen."""
 REST_SPEED_M_S = 0.005
@@ -251,6 +253,7 @@ def _clean_log(
         LogError: If too little is left.
     """
     columns = _keep_rising_rows(columns, notes)
+    _join_rows_of_two_axes(columns, notes)
     time = columns["time"]
     balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
     ball = np.stack(balls, axis=-1)
@@ -283,6 +286,8 @@ def _clean_log(
         )
     seen &= np.isfinite(ball).all(axis=-1)
     rows = np.flatnonzero(seen)
+    if not len(rows):
+        raise LogError(f"{source}: no row has the whole position of the ball")
     repeats, period = find_held(ball[rows])
     if repeats.any() and "age" not in columns:
         seen[rows[repeats]] = False
@@ -431,6 +436,23 @@ def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -
         values[first[fills]] = values[fills]
         used[fills] = True
     return int(used.sum())
+
+
+def _join_rows_of_two_axes(columns: dict[str, Array], notes: list[str]) -> None:
+    """Take y at the times of x, in place, where hardly any row has both.
+
+    Args:
+        columns: Role to values, shape (K,) each, by rising time.
+        notes: Of the log, to which is added what was done.
+    """
+    if not {"measured_x", "measured_y"} <= columns.keys():
+        return
+    x, y = (np.isfinite(columns[ball]) for ball in ("measured_x", "measured_y"))
+    if (x & y).sum() >= MIN_SHARED_ROWS * min(x.sum(), y.sum()):
+        return
+    time = columns["time"]
+    columns["measured_y"] = np.where(x, _interpolate(time, time, columns["measured_y"]), np.nan)
+    notes.append("measured_y has rows of its own: taken at the times of measured_x")
 
 
 def _speed(time: Array, place: Array) -> Array:

@@ -466,7 +466,7 @@ def _find_header(
         if named and not _is_number(row[0]):
             return _join_units(row, rows[at + 1 :], at + 1)
     for at, row in enumerate(rows[:50]):
-        if sum(_is_number(cell) for cell in row) > len(row) / 2:
+        if sum(map(_is_number, row)) > sum(map(bool, row)) / 2:
             before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
             if before and len(before) > 1 and _are_units(before[-1]):
                 return _join_units(before[-2], before[-1:], at)[0], at

@@ -22,6 +22,9 @@ PREFIXES = tuple(
         rf"\[{_CLOCK}\]:?\s*",  # Tera Term
         rf"{_CLOCK}(?: -)?(?: [\w.]+ -)? \[?{_LEVEL}\]?:?(?: -)? (?:[\w.]+: )?",  # Python
         rf"{_CLOCK} +(?=[^\s;,|].*[;,\t])",  # CoolTerm
+        rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LEVEL}\]?:?(?: -)? "
+        r"(?:[\w.]+:? )?",
+        r"[A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d \S+ [^\s:]+: ",  # syslog, whose times are whole s
         rf"\[{_LEVEL}\] \[(?P<seconds>\d+\.\d+)\](?: \[[^\]]*\])?:? ",  # ROS
         r"[DIWE] \((?P<millis>\d+)\) [\w.-]+: ",  # ESP32
         rf"{_LEVEL}:[\w.]*:\s*",  # Python, without a clock
@@ -51,7 +54,11 @@ LABELLED = re.compile(
     r"\s*(?=$|[\s,;|])"
 )
 """A cell with its name before it."""
-WRAPPED = re.compile(r"\s*(?:b['\"])?[\[({]?(.*?)[\])}]?;?(?:(?:\\r)?(?:\\n)?['\"])?\s*")
+TERMINAL_CODE = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
+"""What colours or moves the text of a terminal."""
+SENTENCE = re.compile(r"\s*\$([^*]*)\*[0-9A-Fa-f]{2}\s*")
+"""A line with a check sum, as of NMEA 0183."""
+WRAPPED = re.compile(r"\s*(?:b['\"])?[\[({<]?(.*?)[\])}>]?;?(?:(?:\\r)?(?:\\n)?['\"])?\s*")
 """A line as Python prints a list, a tuple or bytes."""
 MOST_LINES_SHARE = 0.8
 """Share of the lines above which they are all taken to be of a form."""
@@ -65,7 +72,7 @@ def plain_lines(text: str) -> list[str]:
     Args:
         text: All of it.
     """
-    lines = list(filter(str.strip, text.replace("−", "-").splitlines()))
+    lines = list(filter(str.strip, TERMINAL_CODE.sub("", text.replace("−", "-")).splitlines()))
     if any(line.startswith(LABVIEW_END) for line in lines):
         return list(_read_labview(lines))
     if _most_are(lines, lambda line: ONE_VALUE.fullmatch(line) is not None):
@@ -76,6 +83,8 @@ def plain_lines(text: str) -> list[str]:
             break
     if _most_are(lines, lambda line: BARRED.fullmatch(line) is not None):
         lines = [line.strip().strip("|") for line in lines if not RULE.fullmatch(line)]
+    if _most_are(lines, lambda line: SENTENCE.fullmatch(line) is not None):
+        lines = [found[1] if (found := SENTENCE.fullmatch(line)) else line for line in lines]
     if _most_are(lines, lambda line: _labelled(line) is not None):
         return _without_names(lines)
     if _most_are(lines, _is_wrapped):
@@ -217,7 +226,7 @@ def _without_names(lines: list[str]) -> list[str]:
 
 def _is_wrapped(line: str) -> bool:
     """Whether a line begins with a bracket or as bytes of Python, or ends in its only semicolon."""
-    return re.fullmatch(r"\s*(b['\"]|[\[({]).*|[^;]*;\s*", line) is not None
+    return re.fullmatch(r"\s*(b['\"]|[\[({<]).*|[^;]*;\s*", line) is not None
 
 
 def _without_comments(lines: list[str]) -> list[str]:
