@@ -43,6 +43,8 @@ MIN_RISING_SHARE = 0.95
 """Share of rows in which a time has to rise."""
 COUNTER_DISADVANTAGE = 1.5
 """What a column that counts rows lacks in weight: any column of times is better."""
+MIN_COUNTER_STEPS = 10
+"""Least number of steps by which numbers are seen to count rows."""
 RATE_BLANK = "RATEHz"
 """Unit of a time that only counts rows, until the rate of the rows stands there."""
 MAX_SMOOTH_RATIO = 0.1
@@ -392,7 +394,7 @@ def _rises(time: Array, *, strictly: bool = False) -> bool:
 def _counts_by_one(values: Array, of_steps: Callable[[Mask], float] = np.all) -> bool:
     """Whether numbers, shape (K,), rise by 1 from each to the next, or at most of them."""
     steps = np.diff(values[np.isfinite(values)])
-    return len(steps) > 1 and bool(of_steps(steps == 1))
+    return len(steps) >= MIN_COUNTER_STEPS and bool(of_steps(steps == 1))
 
 
 def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple[str, str]:
