@@ -170,3 +170,11 @@ def test_positions_in_rows_of_their_own_are_taken_at_the_times_of_x(tmp_path):
     assert x.ball == pytest.approx(0.1 * np.sin(x.sampled), abs=2e-6)
     assert y.ball == pytest.approx(0.1 * np.cos(y.sampled), abs=1e-4)
     assert any("rows of its own" in note for note in log.notes)
+
+
+def test_a_log_in_which_the_ball_is_never_seen_is_one_line(tmp_path):
+    lines = [f"{t:.3f},{0.1 * np.sin(t):.6f},{np.cos(t):.6f},0" for t in T]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["t,x,u,touched", *lines]))
+    with pytest.raises(LogError, match="no row has a ball that is seen"):
+        read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u,touched=touched"))

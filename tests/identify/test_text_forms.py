@@ -240,6 +240,8 @@ def test_a_comment_that_names_other_columns_than_there_are_is_no_header(tmp_path
         (["1.234,5", "1.236,75"], 2.25),
         (["1,234.5", "1,236.75"], 2.25),
         (["1234,5", "1236,75"], 2.25),
+        (["59:58.5", "59:59.75"], 1.25),
+        (["59:58,5", "59:59,75"], 1.25),
     ],
 )
 def test_dates_times_and_decimal_signs_of_many_countries_are_numbers(cells, seconds):
@@ -314,3 +316,33 @@ def test_rows_that_a_program_pads_at_their_end_are_kept(tmp_path):
     file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
     axis = read_any(file, wanted_columns(NAMED)).axes["x"]
     assert len(axis.sampled) == len(T) - 1  # the first row may be cut
+
+
+@pytest.mark.parametrize("mark", ",.")
+def test_marks_of_thousands_are_seen_by_the_whole_column(mark):
+    numbers = np.arange(-1500.0, 1500000.0, 777.0).round(-1)
+    few = np.arange(0, 1000, 50)
+    cells = [f"{n:,.0f}".replace(",", mark) for n in (*numbers, *few)]
+    assert parse_numbers(cells)[0] == pytest.approx([*numbers, *few])
+    # the same marks are decimal signs where a cell is no whole number of thousands
+    for others in (["0,125"], ["12,5"], ["1,2345"]):
+        values, _ = parse_numbers([*cells[:3], *others, *cells[3:]])
+        assert values[0] == pytest.approx(-1.5)
+
+
+def test_a_table_of_dates_and_words_keeps_its_header(tmp_path):
+    """As InfluxDB writes it: one value a row, next to words."""
+    lines = [",result,table,_time,_value,_field"]
+    for k, (name, values) in enumerate((("x", X), ("u", U))):
+        lines += [
+            f",_result,{k},2024-05-01T10:11:{t:06.3f}Z,{value},{name}"
+            for t, value in zip(T, values, strict=True)
+        ]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    log = read_any(file, wanted_columns("time=_time,measured_x=x:mm,command_phi=u:deg"))
+    axis = log.axes["x"]
+    assert axis.sampled == pytest.approx(T)
+    assert axis.ball == pytest.approx(1e-3 * X)
+    assert axis.time == pytest.approx(T)
+    assert axis.tilt == pytest.approx(np.radians(U))

@@ -268,6 +268,9 @@ def _clean_log(
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
+    seen &= np.isfinite(ball).all(axis=-1)
+    if not seen.any():
+        raise LogError(f"{source}: no row has a ball that is seen, with its whole position")
     middle = np.nanmedian(ball, axis=0)
     far = float(np.nanpercentile(np.abs(ball - middle), 99))
     # on a plate, and hardly moved from there: no other unit makes a moving ball of it
@@ -284,10 +287,7 @@ def _clean_log(
             f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}give the unit, as "
             "measured_x=NAME:mm"
         )
-    seen &= np.isfinite(ball).all(axis=-1)
     rows = np.flatnonzero(seen)
-    if not len(rows):
-        raise LogError(f"{source}: no row has the whole position of the ball")
     repeats, period = find_held(ball[rows])
     if repeats.any() and "age" not in columns:
         seen[rows[repeats]] = False

@@ -9,11 +9,11 @@ import numpy as np
 
 from controllers.arrays import Array
 
-WRAPS = (2.0**8, 2.0**16, 2.0**32, 2.0**32 / 1e3, 2.0**32 / 1e6)
-"""Numbers at which a counter begins again at 0: of 8, 16 and 32 bits; the last also of us that a
-board turned into ms and s."""
-WRAPS_OF_DAY_S = (43200.0, 86400.0)
-"""The same of a time of day in s, of 12 and of 24 hours."""
+WRAPS = (2.0**8, 2.0**16, 2.0**24, 2.0**32, 2.0**32 / 1e3, 2.0**32 / 1e6)
+"""Numbers at which a counter begins again at 0: of 8, 16, 24 and 32 bits; the last also of us that
+a board turned into ms and s."""
+WRAPS_OF_DAY_S = (3600.0, 43200.0, 86400.0)
+"""The same of a time of day in s, of one hour, 12 and 24 hours."""
 MAX_WRAP_STEPS = 3.0
 """Usual steps that may lie between the last number before a wrap and the first one after it."""
 SECONDS = re.compile(r"(?i)(.*?)(secs?|seconds?)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -43,6 +44,10 @@ NUMBER_WITH_UNIT = re.compile(rf"({NUMBER})\s*([mµu]?s|[mcµu]?m|m?rad|deg|°|p
 """A number, and the unit that follows it in some cells."""
 LIST_CELL = re.compile(rf"[\[(]\s*{NUMBER}(?:[\s,;]+{NUMBER})+\s*[\])]")
 """A cell with several numbers in brackets."""
+THOUSANDS = re.compile(r"[-+]?(?:\d{1,3}|[1-9]\d{0,2}([.,])\d{3}(?:\1\d{3})*)")
+"""A whole number, with a mark before each three digits from 1000 on."""
+MIN_THOUSANDS = 10
+"""Least number of cells with such marks, and of cells that need none."""
 MIN_SHARE_OF_UNITS = 0.8
 """Share of the cells of a column that have to have its unit."""
 VALUE_NAME_COLUMNS = frozenset(
@@ -170,9 +175,11 @@ def counts_rows(header: list[str], column: ColumnWanted) -> bool:
 TIME_OF_DAY = re.compile(
     r"(?:(?P<days>\d+) days? )?"
     r"(?:(?P<day>\d{1,2})(?P<sign>[./])(?P<month>\d{1,2})(?P=sign)(?P<year>\d{4}),? )?"
-    r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d+)?)(?: (?P<half>am|pm))?"
+    r"(?:(?P<hours>\d{1,2}):|(?=\d\d:\d\d\.))(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d+)?)"
+    r"(?: (?P<half>am|pm))?"
 )
-"""A time of day, after a number of days or a date that does not begin with the year."""
+"""A time of day, after a number of days or a date that does not begin with the year; without hours
+its seconds have a fraction."""
 
 
 def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
@@ -183,9 +190,12 @@ def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
     if not isinstance(cells, list):
         return np.where(np.isfinite(cells), cells, np.nan), 0
     values, broken = np.full(len(cells), np.nan), 0
+    mark = _thousands_mark(cells)
     for k, cell in enumerate(cells):
         word = cell.casefold()
-        if ":" in word:
+        if mark:
+            word = word.replace(mark, "")
+        elif ":" in word:
             word = re.sub(r",(?=\d)", ".", word)
         elif "," in word:
             if word.rfind(".") > word.rfind(","):
@@ -199,6 +209,18 @@ def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
             broken += word not in BLANK_CELLS
     values[~np.isfinite(values)] = np.nan
     return values, broken
+
+
+def _thousands_mark(cells: list[str]) -> str:
+    """The sign that marks thousands in whole numbers, as in ``980`` and ``1,000``; empty for none.
+
+    Some numbers have it, always before three digits, and smaller ones do not.
+    """
+    found = [THOUSANDS.fullmatch(cell) for cell in cells if cell.casefold() not in BLANK_CELLS]
+    marks = [each[1] or "" for each in found if each]
+    (mark, *others) = set(marks) - {""} or {""}
+    shares = min(marks.count(mark), marks.count(""))
+    return mark if mark and not others and all(found) and shares >= MIN_THOUSANDS else ""
 
 
 def _number(word: str) -> float:
@@ -228,7 +250,9 @@ def _parse_time(word: str) -> float:
     found = TIME_OF_DAY.fullmatch(word)
     if found is None:
         return datetime.fromisoformat(word.upper()).replace(tzinfo=UTC).timestamp()
-    seconds = 3600.0 * int(found["hours"]) + 60.0 * int(found["minutes"]) + float(found["seconds"])
+    seconds = (
+        3600.0 * int(found["hours"] or 0) + 60.0 * int(found["minutes"]) + float(found["seconds"])
+    )
     if found["half"]:
         seconds += 43200.0 * ((found["half"] == "pm") - (int(found["hours"]) == 12))
     if found["year"]:
@@ -384,7 +408,30 @@ def _pivot(header: list[str], columns: list[list[str]]) -> tuple[list[str], list
         [value if label == name else "" for label, value in zip(labels, values, strict=True)]
         for name in known
     ]
-    return [*(header[k] for k in others), *known], [*(columns[k] for k in others), *spread]
+    found = [*(columns[k] for k in others), *spread]
+    order = _order_by_time([columns[k] for k in others], labels)
+    return [*(header[k] for k in others), *known], [[cells[k] for k in order] for cells in found]
+
+
+def _order_by_time(columns: list[list[str]], labels: list[str]) -> list[int]:
+    """The order of rows by the first column that rises within the rows of each label.
+
+    Where one series follows the other, their rows are mixed by it; without such a column rows
+    stay as they are.
+
+    Args:
+        columns: Cells of each.
+        labels: Label of each row.
+    """
+    which = np.unique(labels, return_inverse=True)[1]
+    grouped = np.argsort(which, kind="stable")
+    same = np.diff(which[grouped]) == 0
+    for cells in columns:
+        numbers = parse_numbers(cells)[0]
+        steps = np.diff(numbers[grouped])[same]
+        if np.isfinite(numbers).all() and (steps >= 0).all() and (steps > 0).any():
+            return [int(k) for k in np.argsort(numbers, kind="stable")]
+    return list(range(len(labels)))
 
 
 def _join_nanoseconds(
@@ -466,7 +513,7 @@ def _find_header(
         if named and not _is_number(row[0]):
             return _join_units(row, rows[at + 1 :], at + 1)
     for at, row in enumerate(rows[:50]):
-        if sum(map(_is_number, row)) > sum(map(bool, row)) / 2:
+        if sum(_is_number(cell) or _is_time(cell) for cell in row) > sum(map(bool, row)) / 2:
             before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
             if before and len(before) > 1 and _are_units(before[-1]):
                 return _join_units(before[-2], before[-1:], at)[0], at
@@ -506,6 +553,13 @@ def _is_unit(unit: str) -> bool:
 def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:
     """The names of columns as they stand and without their units, in small letters."""
     return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
+
+
+def _is_time(cell: str) -> bool:
+    """Whether a cell is a date with a time, or a time of day."""
+    with suppress(ValueError):
+        return ":" in cell and math.isfinite(_parse_time(cell.casefold()))
+    return False
 
 
 def _is_number(cell: str) -> bool:
