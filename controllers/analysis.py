@@ -289,9 +289,10 @@ def margins(loop: Loop, cut: str, *, points: int = 300) -> Margins | None:
     highest = 0.999 * math.pi / loop.period if loop.period else 1e3
     omega = np.geomspace(0.01, highest, points)
     S = loop.sensitivity(cut, omega)
-    gains, phases, _, _, crossovers, _ = control.stability_margins(
+    crossed, phases, _, _, crossovers, _ = control.stability_margins(
         control.FRD(1 / S - 1, omega), returnall=True
     )
+    gains = [*crossed, *_gains_at_ends(loop, cut)]
     return Margins(
         gain_down=max((float(g) for g in gains if g < 1), default=None),
         gain_up=min((float(g) for g in gains if g > 1), default=None),
@@ -305,6 +306,27 @@ def margins(loop: Loop, cut: str, *, points: int = 300) -> Margins | None:
         crossover=max((float(w) for w in crossovers), default=None),
     )
 
+
+def _gains_at_ends(loop: Loop, cut: str) -> Array:
+    """Factors of the loop gain that put a pole at frequency 0 or at half the sampling rate.
+
+    There L is real, and the factor is -1 / L = S / (S - 1).
+
+    Args:
+        loop: The closed loop, stable.
+        cut: One of its cuts.
+
+    Returns:
+        Those that are positive, shape (N,); none where L is 0 or, as of an integrator, infinite.
+    """
+    ends = np.array([0.0, math.pi / loop.period] if loop.period else [0.0])
+    S = loop.sensitivity(cut, ends).real
+    gains: Array = S[S != 1] / (S[S != 1] - 1)
+    return gains[(gains > MIN_GAIN_FACTOR) & (gains < 1 / MIN_GAIN_FACTOR)]
+
+
+MIN_GAIN_FACTOR = 1e-6
+"""Factor of a loop gain that counts as 0, and its inverse as infinite: what rounding leaves."""
 
 Complex = NDArray[np.complexfloating]
 

@@ -32,6 +32,7 @@ FILES = {
     "wrong.py": "x = 1\nx = (",
     "empty.py": "",
     "twice.py": LAW,
+    "own.py": LAW.replace('"afl"', '"own"'),
     "a_file": "",
 }
 """What lies in the folder, beside a run of the circle in ``made``."""
@@ -73,7 +74,10 @@ VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=1:2:3
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
     "run": "SCENARIO",
-    "rn": "No such command",
+    "export circle own.c --law own.py --set controller.kind=own": "'own' has no form in C",
+    "identify ard.csv --columns": "requires an argument",
+    "exprt made a.csv": "No such command 'exprt'; did you mean 'export'?",
+    "qqq": "No such command 'qqq'; ballplate --help lists all",
     "run cirle": "did you mean 'circle'",
     "run foo": "cure, cure_afl, cure_backstepping, excite, hold, line, sine, step; `",
     "run circle --beside crue": "did you mean 'cure'",
@@ -210,6 +214,11 @@ TABLE = [(line.split(), words) for line, words in LINES.items()]
 TABLE += [
     (["describe", ""], "nothing called ''; `ballplate describe` lists every key"),
     (["run", "circle", "--out", ""], "--out: names no folder"),
+    (["export", "made", ""], "FILE: names no file"),
+    (
+        ["identify", "ard.csv", "--columns", "time=t measured_x=ball x:mm"],
+        "put commas between the columns: time=t,measured_x=ball x:mm",
+    ),
     (["report", "n" * 5000], "no file can have so long a name"),
 ]
 IDS = [" ".join(arguments)[:60] for arguments, _ in TABLE]

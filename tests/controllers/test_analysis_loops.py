@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.analysis import (
+    System,
+    close,
     instability,
     linear_law,
     margins,
@@ -100,6 +102,42 @@ def test_a_dead_time_beyond_the_delay_margin_makes_the_loop_unstable(law):
         for share in (0.97, 1.03)
     )
     assert below < 0 < above
+
+
+def two_axes(a, k, period=0.0):
+    """Loop of x' = a x + u, or of x[n+1] = a x[n] + u, with u = -k x, on two axes alike."""
+    one, no_states = np.eye(2), np.zeros((0, 0))
+    plant = System(a * one, one, one, 0 * one, period)
+    law = System(no_states, np.zeros((0, 2)), np.zeros((2, 0)), -k * one, period)
+    return close(plant, law, ("x", "y"))
+
+
+@pytest.mark.parametrize(
+    ("a", "k", "period", "down", "up"),
+    [
+        (1.0, 1.2, 0.0, 1 / 1.2, None),  # L(0) = -k
+        (-2.0, -0.5, 0.0, None, 4.0),  # L(0) = k / 2
+        (-2.0, 5.0, 0.0, None, None),
+        (0.0, 0.5, 0.0, None, None),  # an integrator
+        (1.0, 0.5, 0.1, None, 4.0),  # L(-1) = -k / 2
+        (1.5, 1.0, 0.1, 0.5, 2.5),  # L(1) = -2 k, L(-1) = -k / 2.5
+    ],
+)
+def test_gain_margins_count_crossings_at_frequency_0_and_half_the_sampling_rate(
+    a, k, period, down, up
+):
+    found = margins(two_axes(a, k, period), "u1")
+    assert (found.gain_down, found.gain_up) == (pytest.approx(down), pytest.approx(up))
+    edge = 1.0 if period else 0.0
+
+    def beyond(factor):
+        """How far the pole farthest out is beyond the edge of the stable region."""
+        z = np.linalg.eigvals(two_axes(a, factor * k, period).A)
+        return (np.abs(z) if period else z.real).max() - edge
+
+    assert all(beyond(g) == pytest.approx(0, abs=1e-9) for g in (down, up) if g)
+    assert beyond((down or 0.01) * 1.01) < 0
+    assert beyond((up or 100.0) * 0.99) < 0 or up is None
 
 
 def test_margins_of_an_unstable_loop_do_not_exist():

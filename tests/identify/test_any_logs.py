@@ -131,3 +131,50 @@ def test_a_rate_is_the_inverse_of_a_time():
     assert unit_factor("50Hz", "s") == pytest.approx(0.02)
     assert unit_factor("2.5 kHz", "s") == pytest.approx(4e-4)
     assert unit_factor("50Hz", "m") is None
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ("time=t,measured_x=x@60,command_phi=u", r"as measured_x=x:mm@60$"),
+        ("time=t,measured_x=2@-1.5,command_phi=u", r"as measured_x=2:mm@-1.5$"),
+        ("time=t,measured_x=x,command_phi=u@90", r"as command_phi=u:deg@90$"),
+        ("time=t,measured_x=w@60,command_phi=u", "no column w@60"),
+        ("time=t,measured_x=x@y,command_phi=u", "no column x@y"),
+    ],
+)
+def test_a_number_at_zero_without_a_unit_is_answered_with_the_right_form(tmp_path, columns, says):
+    with pytest.raises(LogError, match=says) as caught:
+        read_any(written(tmp_path, 0.1 * np.sin(T)), wanted_columns(columns))
+    assert "\n" not in str(caught.value)
+
+
+def test_positions_in_rows_of_their_own_are_taken_at_the_times_of_x(tmp_path):
+    """The rows of x, y and the command follow each other; no row has two of them."""
+    lines = [
+        line
+        for t in T
+        for line in (
+            f"{t:.3f},{0.1 * np.sin(t):.6f},,,",
+            f"{t + 0.01:.3f},,{0.1 * np.cos(t + 0.01):.6f},,",
+            f"{t + 0.02:.3f},,,{np.cos(t):.6f},{np.sin(t):.6f}",
+        )
+    ]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["t,x,y,u,v", *lines]))
+    log = read_any(
+        file, wanted_columns("time=t,measured_x=x,measured_y=y,command_phi=u,command_theta=v")
+    )
+    x, y = log.axes["x"], log.axes["y"]
+    assert len(x.sampled) >= len(T) - 2
+    assert x.ball == pytest.approx(0.1 * np.sin(x.sampled), abs=2e-6)
+    assert y.ball == pytest.approx(0.1 * np.cos(y.sampled), abs=1e-4)
+    assert any("rows of its own" in note for note in log.notes)
+
+
+def test_a_log_in_which_the_ball_is_never_seen_is_one_line(tmp_path):
+    lines = [f"{t:.3f},{0.1 * np.sin(t):.6f},{np.cos(t):.6f},0" for t in T]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["t,x,u,touched", *lines]))
+    with pytest.raises(LogError, match="no row has a ball that is seen"):
+        read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u,touched=touched"))

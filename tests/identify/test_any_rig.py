@@ -211,7 +211,7 @@ def test_rows_of_one_frame_are_one_sample_where_their_age_is_told(tmp_path):
         ("time=mss:ms,measured_x=x,command_phi=u", "no column mss; did you mean 'ms'"),
         ("time=ms:ms,measured_x=ball,command_phi=u", r"no column ball \(it has ms, X"),
         ("time=ms:s,measured_x=x,command_phi=u", "milliseconds"),
-        ("time=ms:ms,measured_x=x:m,command_phi=u", "tell the unit"),
+        ("time=ms:ms,measured_x=x:m,command_phi=u", "give the unit"),
     ],
 )
 def test_a_column_that_is_missing_or_wrong_is_named_with_what_would_do(tmp_path, columns, says):
@@ -226,7 +226,7 @@ def test_a_column_that_is_missing_or_wrong_is_named_with_what_would_do(tmp_path,
         (0.0, 0.03, "does not move: it stays within 0 m of one place"),
         (0.0, 0.0, "does not move: it stays within 0 m of one place"),
         (2e-4, 0.03, "does not move"),
-        (2e-4, 0.0, "the ball hardly moves, or tell the unit"),
+        (2e-4, 0.0, "the ball hardly moves, or give the unit"),
     ],
 )
 def test_of_a_ball_that_never_moves_no_other_unit_is_advised(tmp_path, noise, at, says):
@@ -238,7 +238,7 @@ def test_of_a_ball_that_never_moves_no_other_unit_is_advised(tmp_path, noise, at
     columns = wanted_columns("time=t:s,measured_x=x:m,command_phi=u:rad")
     with pytest.raises(LogError, match=says) as caught:
         read_any(file, columns)
-    assert ("tell the unit" in str(caught.value)) == ("unit" in says)
+    assert ("give the unit" in str(caught.value)) == ("unit" in says)
 
 
 def test_a_unit_may_have_a_factor_and_a_ball_is_a_name_or_a_share():

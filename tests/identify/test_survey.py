@@ -115,6 +115,20 @@ NAMES = {
     "t,roll_setpoint,ball_pos": "ball_pos - roll_setpoint -",
     "t,pos_est,pos_raw,servo_cmd,servo_pos": "pos_raw - servo_cmd -",
     "t,Abstand [mm],Stellgröße [deg]": "Abstand - Stellgröße -",
+    "Zeit [s],Kugelposition x [mm],Kugelposition y [mm],Stellwinkel x [°],Stellwinkel y [°]": (
+        "Kugelposition x|Kugelposition y|Stellwinkel x|Stellwinkel y"
+    ),
+    "Zeit in s,Kugel x in mm,Kugel y in mm,Plattenwinkel-Soll x in °,Plattenwinkel-Soll y in °": (
+        "Kugel x in mm|Kugel y in mm|Plattenwinkel-Soll x in °|Plattenwinkel-Soll y in °"
+    ),
+    "temps_ms,bille_x_mm,bille_y_mm,commande_x_deg,commande_y_deg": (
+        "bille_x_mm bille_y_mm commande_x_deg commande_y_deg"
+    ),
+    "Tiempo [s],Posicion X [mm],Posicion Y [mm],Angulo X [deg],Angulo Y [deg]": (
+        "Posicion X|Posicion Y|Angulo X|Angulo Y"
+    ),
+    "tempo,palla_x,palla_y,comando_x,comando_y": "palla_x palla_y comando_x comando_y",
+    "t,plate_x,plate_y,ball_x,ball_y": "ball_x ball_y - -",
     "t,motor_speed,x,voltage": "x - - -",
     "t,dist,pulse_us": "dist - pulse_us -",
     "t,StepX,StepY,time_step,X,Y": "X Y StepX StepY",
@@ -135,8 +149,9 @@ def test_roles_follow_the_words_of_the_names(tmp_path, header):
         for guess in survey(write(tmp_path / "a.csv", header, *columns)).guesses
     }
     roles = "measured_x", "measured_y", "command_phi", "command_theta"
-    assert " ".join(found.get(role, "-") for role in roles) == NAMES[header]
-    assert found["time"] == "t"
+    between = "|" if "|" in NAMES[header] else " "
+    assert between.join(found.get(role, "-") for role in roles) == NAMES[header]
+    assert found["time"] == names[0].partition(" [")[0]
 
 
 def test_a_measured_angle_is_told_from_a_command(tmp_path):
@@ -272,3 +287,32 @@ def test_a_command_that_was_written_twice_is_not_that_of_the_other_axis(tmp_path
     assert "command_theta: angle_y equals angle_x (command_phi) in every row" in note
     other = write(tmp_path / "b.csv", header, T, X, X[::-1], U, np.append(U[:-1], U[-1] + 1e-3))
     assert not read_any(other, wanted_columns(told)).notes
+
+
+COUNTERS = ["n", "index", "Frame", "Sample No.", "frame_idx", "", "Unnamed: 0", "step", "foo"]
+
+
+@pytest.mark.parametrize("name", COUNTERS)
+def test_a_column_that_counts_rows_is_a_time_whose_rate_has_to_be_given(tmp_path, name):
+    count = np.arange(7, len(T) + 7)
+    file = write(tmp_path / "a.csv", f"{name},X,servo", count, 1e3 * X, np.degrees(U))
+    found = survey(file)
+    asked = shlex.split(found.command)[-1]
+    assert asked.startswith(f"time={name or 1}:RATEHz,")
+    assert f"time={name or 1}:100Hz" in found.notes[0]
+    axis = read_any(file, wanted_columns(asked.replace("RATEHz", "50Hz"))).axes["x"]
+    assert axis.sampled == pytest.approx(T)
+    assert axis.ball == pytest.approx(X, abs=1e-6)
+    # any column of times is better
+    header = f"{name},seconds,X,servo"
+    both = write(tmp_path / "b.csv", header, count, T, 1e3 * X, np.degrees(U))
+    assert "time=seconds:s," in survey(both).command
+
+
+def test_a_counter_may_miss_rows_and_is_none_if_it_counts_anything_else(tmp_path):
+    lossy = np.delete(np.arange(len(T) + 3), [5, 80, 81])
+    found = survey(write(tmp_path / "a.csv", "frame,X,servo", lossy, 1e3 * X, np.degrees(U)))
+    assert "time=frame:RATEHz," in found.command
+    for numbers in (np.cumsum(lossy), np.ones(len(T)), 0.5 * lossy):
+        file = write(tmp_path / "b.csv", "number,X,servo", numbers, 1e3 * X, np.degrees(U))
+        assert "time=NAME:s," in survey(file).command

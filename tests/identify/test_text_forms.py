@@ -21,6 +21,43 @@ def rows(form, before=()):
     return [*before, *(form.format(t=1e3 * t, x=x, u=u) for t, x, u in zip(T, X, U, strict=True))]
 
 
+def dated(form, before=()):
+    """Lines with date and time in the place of ``{t}``."""
+    clocks = (f"2024-05-01 23:59:{57 + t:06.3f}" if t < 3 else f"2024-05-02 00:00:{t - 3:06.3f}"
+              for t in T.round(3))  # fmt: skip
+    cells = zip(clocks, T, X, U, strict=True)
+    return [*before, *(form.format(t=c, s=1.5e9 + t, ms=1e3 * t, x=x, u=u) for c, t, x, u in cells)]
+
+
+def german(lines):
+    return [line.replace(".", ",") for line in lines]
+
+
+LABVIEW = """LabVIEW Measurement
+Writer_Version|2
+Separator|Tab
+X_Columns|{columns}
+***End_of_Header***
+
+Channels|2
+Samples|200|200
+Date|2024/05/01|2024/05/01
+Y_Unit_Label|mm|deg
+X0|0.0E+0|0.0E+0
+Delta_X|0.02|0.02
+***End_of_Header***||
+{names}|Comment""".replace("|", "\t")
+"""Heads of a LabVIEW measurement file."""
+
+
+def labview(columns, names, form, *, again=False):
+    head = LABVIEW.format(columns=columns, names=names.replace(" ", "\t")).split("\n")
+    found = [*head, *rows(form, ())]
+    if again:  # a new head in the middle
+        found[len(head) + 70 : len(head) + 70] = head[head.index("Channels\t2") :]
+    return found
+
+
 def received(lines, sign="."):
     """As the Arduino IDE shows lines, with the clock of the computer."""
     clocks = (f"10:11:{12 + k // 50:02d}{sign}{20 * (k % 50):03d}" for k in range(len(lines)))
@@ -47,8 +84,104 @@ FORMS = {
         "time=1:s,measured_x=2:mm,command_phi=3:deg",
     ),
     "words before the rows": (rows(CELLS, ["Ball ready", "calibrating..."]), NUMBERED),
+    "Tera Term": (dated("[{t}] {x},{u}"), "time=1,measured_x=2:mm,command_phi=3:deg"),
+    "CoolTerm": (dated("{t} {x}\t{u}"), "time=1,measured_x=2:mm,command_phi=3:deg"),
+    "CoolTerm and blanks": (dated("[{t}] {x} {u}"), "time=1,measured_x=2:mm,command_phi=3:deg"),
+    "logging of Python": (
+        dated("{t} - rig - INFO - x={x} u={u}"),
+        "time=received_s,measured_x=x:mm,command_phi=u:deg",
+    ),
+    "logging without times": (rows("INFO:root:t={t:.0f}, x={x}, u={u}"), NAMED),
+    "ROS console": (
+        dated("[INFO] [{s:.6f}] [rig]: {x},{u}"),
+        "time=1:s,measured_x=2:mm,command_phi=3:deg",
+    ),
+    "ESP32 console": (
+        dated("I ({ms:.0f}) rig: {x},{u}"),
+        "time=1:s,measured_x=2:mm,command_phi=3:deg",
+    ),
+    "log with Unix times": (
+        dated("{s:.3f} INFO rig x={x} u={u}"),
+        "time=received_s,measured_x=x:mm,command_phi=u:deg",
+    ),
+    "syslog": (rows("May  1 12:34:56 pi rig[123]: {t:.0f},{x},{u}"), NUMBERED),
+    "colours of a terminal": (rows(f"\x1b[32m{CELLS}\x1b[0m"), NUMBERED),
+    "angle brackets": (rows(f"<{CELLS}>"), NUMBERED),
+    "check sums": (
+        rows(f"$BALL,{CELLS}*5F"),
+        "time=2:ms,measured_x=3:mm,command_phi=4:deg",
+    ),
+    "dictionaries of Python": (rows("{{'t': {t}, 'x': {x}, 'u': {u}}}"), NAMED),
+    "bars": (rows("| {t:.0f} | {x} | {u} |", ["| t | x | u |", "|---|--:|---|"]), NAMED),
+    "bars between": (rows("{t:.0f}|{x}|{u}", ["t|x|u"]), NAMED),
+    "tabs and blanks": (rows("{t:8.0f}\t{x:.2f}  {u:.2f}", ["t \tx  u"]), NAMED),
+    "units apart": (
+        rows("{t:.0f} {x} {u}", ["% Rig 3", "% t [ms]  x (mm)  u [°]"]),
+        "time=t,measured_x=x,command_phi=u",
+    ),
+    "units in cells": (
+        rows("{t:.0f} ms,{x} mm,{u}°", ["t,x,u"]),
+        "time=t,measured_x=x,command_phi=u",
+    ),
+    "Fortran": ([each.replace("e", "D") for each in rows("{t:.6e} {x:.6e} {u:.6e}")], NUMBERED),
+    "another minus": ([each.replace("-", "\u2212") for each in rows(CELLS)], NUMBERED),
+    "blanks of thousands": (german(rows("{t:_.1f};{x};{u}")), NUMBERED),
+    "tuples": (rows("{t:.0f},({x}, {u})", ["t,x,u"]), NAMED),
+    "lists": (
+        rows('{t:.0f},"[{x} {u}]"', ["t,state"]),
+        "time=t:ms,measured_x=state.0:mm,command_phi=state.1:deg",
+    ),
+    "one value a row": (
+        [line for each in rows("{t:.0f},x,{x};{t:.0f},u,{u}") for line in each.split(";")],
+        NAMED,
+    ),
+    "Teleplot": (
+        [line for each in rows(">x:{t:.0f}:{x};>u:{t:.0f}:{u}|g") for line in each.split(";")],
+        "time=time,measured_x=x:mm,command_phi=u:deg",
+    ),
+    "Teleplot without times": (
+        [line for each in rows(">x:{x}§mm;>u:{u}") for line in each.split(";")],
+        "time=row:50Hz,measured_x=x,command_phi=u:deg",
+    ),
+    "LabVIEW": (
+        labview("One", "X_Value x u", "{t:.1f}e-3\t{x}\t{u}"),
+        "time=X_Value,measured_x=x,command_phi=u",
+    ),
+    "LabVIEW with a comma": (
+        german(labview("One", "X_Value x u", "{t:.1f}e-3\t{x}\t{u}", again=True)),
+        "time=X_Value,measured_x=x,command_phi=u",
+    ),
+    "LabVIEW without times": (
+        labview("No", "X_Value x u", "\t{x}\t{u}"),
+        "time=X_Value,measured_x=x,command_phi=u",
+    ),
+    "LabVIEW with many times": (
+        labview("Multi", "X_Value x X_Value u", "{t:.1f}e-3\t{x}\t{t:.1f}e-3\t{u}"),
+        "time=X_Value,measured_x=x,command_phi=u",
+    ),
+    "names again": (
+        [each for k, line in enumerate(rows(CELLS)) for each in ["t,x,u"] * (k % 70 == 0) + [line]],
+        NAMED,
+    ),
+    "seconds and nanoseconds": (
+        [
+            f"17{k // 50:02d},{20_000_000 * (k % 50)},{x},{u}"
+            for k, (x, u) in enumerate(zip(X, U, strict=True))
+        ],
+        "time=stamp.secs,measured_x=x:mm,command_phi=u:deg",
+    ),
+    "zeros at the end": (rows(CELLS, ["t,x,u"]) + ["0,0,0"] * 30, NAMED),
     "units in a line": (rows(CELLS, ["t,x,u", "ms,mm,deg"]), "time=t,measured_x=x,command_phi=u"),
 }
+
+
+FORMS["one value a row"][0].insert(0, "time,signal,value")
+FORMS["one value a row"] = FORMS["one value a row"][0], NAMED.replace("=t:", "=time:")
+FORMS["seconds and nanoseconds"][0].insert(0, "stamp.secs,stamp.nsecs,x,u")
+FORMS["blanks of thousands"] = (
+    [line.replace("_", "\u202f") for line in FORMS["blanks of thousands"][0]],
+    NUMBERED,
+)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -107,6 +240,8 @@ def test_a_comment_that_names_other_columns_than_there_are_is_no_header(tmp_path
         (["1.234,5", "1.236,75"], 2.25),
         (["1,234.5", "1,236.75"], 2.25),
         (["1234,5", "1236,75"], 2.25),
+        (["59:58.5", "59:59.75"], 1.25),
+        (["59:58,5", "59:59,75"], 1.25),
     ],
 )
 def test_dates_times_and_decimal_signs_of_many_countries_are_numbers(cells, seconds):
@@ -181,3 +316,33 @@ def test_rows_that_a_program_pads_at_their_end_are_kept(tmp_path):
     file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
     axis = read_any(file, wanted_columns(NAMED)).axes["x"]
     assert len(axis.sampled) == len(T) - 1  # the first row may be cut
+
+
+@pytest.mark.parametrize("mark", ",.")
+def test_marks_of_thousands_are_seen_by_the_whole_column(mark):
+    numbers = np.arange(-1500.0, 1500000.0, 777.0).round(-1)
+    few = np.arange(0, 1000, 50)
+    cells = [f"{n:,.0f}".replace(",", mark) for n in (*numbers, *few)]
+    assert parse_numbers(cells)[0] == pytest.approx([*numbers, *few])
+    # the same marks are decimal signs where a cell is no whole number of thousands
+    for others in (["0,125"], ["12,5"], ["1,2345"]):
+        values, _ = parse_numbers([*cells[:3], *others, *cells[3:]])
+        assert values[0] == pytest.approx(-1.5)
+
+
+def test_a_table_of_dates_and_words_keeps_its_header(tmp_path):
+    """As InfluxDB writes it: one value a row, next to words."""
+    lines = [",result,table,_time,_value,_field"]
+    for k, (name, values) in enumerate((("x", X), ("u", U))):
+        lines += [
+            f",_result,{k},2024-05-01T10:11:{t:06.3f}Z,{value},{name}"
+            for t, value in zip(T, values, strict=True)
+        ]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    log = read_any(file, wanted_columns("time=_time,measured_x=x:mm,command_phi=u:deg"))
+    axis = log.axes["x"]
+    assert axis.sampled == pytest.approx(T)
+    assert axis.ball == pytest.approx(1e-3 * X)
+    assert axis.time == pytest.approx(T)
+    assert axis.tilt == pytest.approx(np.radians(U))

@@ -1,6 +1,7 @@
 """`twin.run.bags`: Messages of ROS 2 are columns at the times that their senders gave them."""
 
 import sqlite3
+import struct
 
 import numpy as np
 import pytest
@@ -105,6 +106,33 @@ def test_a_log_has_the_stamps_of_the_camera_and_the_times_of_the_servo(tmp_path,
     assert "columns have times of their own, at 50 Hz, 100 Hz" in notes
 
 
+COMMON = {
+    "geometry_msgs/msg/PointStamped": ("/point.x", "<iII12s3d", 0, 0, 6, b"plate\0", 1.5, 2, 3),
+    "geometry_msgs/msg/Vector3": ("/x", "<3d", 1.5, 2.0, 3.0),
+    "geometry_msgs/msg/Twist": ("/angular.y", "<6d", 0, 0, 0, 0, 1.5, 0),
+    "std_msgs/msg/Float32": ("/data", "<f", 1.5),
+    "std_msgs/msg/Float64MultiArray": ("/data.1", "<4I2d", 0, 0, 2, 0, 7.0, 1.5),
+}
+"""Type of messages to a field that is 1.5 in its bytes, which are packed by hand."""
+
+
+@pytest.mark.parametrize("kind", COMMON)
+def test_bags_without_definitions_are_read_where_their_messages_are_common(tmp_path, kind):
+    field, form, *values = COMMON[kind]
+    data = b"\0\1\0\0" + struct.pack(form, *values)
+    with sqlite3.connect(tmp_path / "a.db3") as base:
+        base.execute("create table topics(id, name, type, serialization_format)")
+        base.execute("create table messages(id, topic_id, timestamp, data)")
+        base.execute("insert into topics values (1, '/a', ?, 'cdr')", (kind,))
+        base.execute("insert into topics values (2, '/b', 'own_msgs/msg/Own', 'cdr')")
+        for k in range(20):
+            base.execute("insert into messages values (?, ?, ?, ?)", (k, 1 + k % 2, k, data))
+    base.close()
+    table = foreign_table(tmp_path / "a.db3")
+    np.testing.assert_array_equal(table.columns[f"/a{field}"], np.full(10, 1.5))
+    assert "/b: left out" in table.notes[0]
+
+
 def test_a_message_of_another_encoding_is_left_out_with_its_reason(tmp_path):
     from mcap.writer import Writer as Plain
 
@@ -115,7 +143,7 @@ def test_a_message_of_another_encoding_is_left_out_with_its_reason(tmp_path):
         channel = writer.register_channel("/ball", "protobuf", schema)
         writer.add_message(channel, 1, b"\x08\x01", 1)
         writer.finish()
-    with pytest.raises(LogError, match="without a column of numbers"):
+    with pytest.raises(LogError, match="without a column of numbers; /ball: left out: protobuf"):
         foreign_table(tmp_path / "a.mcap")
 
 

@@ -68,8 +68,10 @@ def check_writable_beside(path: Path, option: str) -> None:
     """Check before the work that a file or folder of a name can be made in its folder.
 
     Raises:
-        ScenarioError: If its folder cannot be made or written.
+        ScenarioError: If it has no name, or its folder cannot be made or written.
     """
+    if not path.name:
+        raise ScenarioError(f"{option}: names no file")
     _probe(path.parent, f"{option} {path}")
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.base.data_file import read_packaged
-from twin.base.errors import LawError, TwinError, printable, shorten
+from twin.base.errors import LawError, TwinError, printable, shorten, suggest
 from twin.base.parts import own_version
 
 if TYPE_CHECKING:
@@ -52,6 +52,20 @@ class Commands(click.Group):
         """The command of a name."""
         del ctx
         return _command(cmd_name) if cmd_name in COMMANDS else None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command of the first word, its name, and the words after it.
+
+        Raises:
+            UsageError: There is no such command.
+        """
+        name = args[0]
+        if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
+            meant = suggest(name, COMMANDS) or "; ballplate --help lists all"
+            raise click.UsageError(f"No such command '{name}'{meant}")
+        return super().resolve_command(ctx, args)
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write what this is, and an example of each command that is used most."""

@@ -587,6 +587,7 @@ def report(runs: tuple[Path, ...], formats: list[str] | None, out: Path | None) 
 @click.option(
     "--real", type=click.Choice(("double", "float")), help="Of a controller in C [double]."
 )
+@options.LAW_OPTION
 @options.SETTING
 @click.option(
     "--render",

@@ -15,6 +15,7 @@ import scipy
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
+from twin.identify.clocks import unwrap
 from twin.identify.log_columns import (
     AXIS_COLUMNS,
     ROLE_UNITS,
@@ -24,6 +25,7 @@ from twin.identify.log_columns import (
     unit_factor,
 )
 from twin.identify.log_tables import (
+    are_times_of_day,
     counts_rows,
     find_column,
     open_content,
@@ -40,6 +42,8 @@ MIN_SHARED_STAMPS, MIN_WHOLE_SHARE = 0.9, 0.95
 rows of such a log that have a command."""
 MAX_STAMP_RATIO = 1.5
 """Time between two stamps of a coarse clock, over the usual one, above which rows are missing."""
+MIN_SHARED_ROWS = 0.1
+"""Share of the rows with a position along one axis that has to have one along the other, too."""
 SPEED_WINDOW_S = 0.2
 """Time in s over which a speed is seen."""
 REST_SPEED_M_S = 0.005
@@ -86,7 +90,7 @@ def read_any(
         factor = unit_factor(unit, ROLE_UNITS[role]) if unit else 1.0
         if factor is None:
             raise LogError(
-                f"{path.name}: {role}: unit '{unit}' of {column.name}; tell it, as "
+                f"{path.name}: {role}: unit '{unit}' of {column.name}; give it, as "
                 f"{role}=NAME:{list(UNIT_SCALES[ROLE_UNITS[role]])[-1]}, with a factor before it "
                 "(a pixel of half a millimetre as NAME:0.5mm, a count as NAME:0.24deg)"
             )
@@ -99,6 +103,12 @@ def read_any(
             notes.append(
                 f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
             )
+        if role == "time":
+            values, wraps = unwrap(values, of_day=are_times_of_day(cells[index]))
+            if wraps:
+                notes.append(
+                    f"the clock {column.name} wraps {plural(wraps, 'time')}: taken as going on"
+                )
         columns[role] = column.to_si(values, factor)
         if index in clocks:
             times[role] = clocks[index]
@@ -243,6 +253,7 @@ def _clean_log(
         LogError: If too little is left.
     """
     columns = _keep_rising_rows(columns, notes)
+    _join_rows_of_two_axes(columns, notes)
     time = columns["time"]
     balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
     ball = np.stack(balls, axis=-1)
@@ -250,13 +261,16 @@ def _clean_log(
     sampled_at = time[np.isfinite(ball).all(axis=-1)] if merged else time
     step = float(np.median(np.diff(sampled_at))) if len(sampled_at) > 1 else 0.0
     if len(time) < 50 or not 2e-5 < step < MAX_COMMAND_GAP_S:
-        hint = "; milliseconds? tell time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
+        hint = "; milliseconds? give time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
         raise LogError(
             f"{source}: {plural(len(time), 'usable row')}, {step:.3g} s apart: at least 50 are "
             f"needed, at most {MAX_COMMAND_GAP_S:g} s apart{hint}"
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
+    seen &= np.isfinite(ball).all(axis=-1)
+    if not seen.any():
+        raise LogError(f"{source}: no row has a ball that is seen, with its whole position")
     middle = np.nanmedian(ball, axis=0)
     far = float(np.nanpercentile(np.abs(ball - middle), 99))
     # on a plate, and hardly moved from there: no other unit makes a moving ball of it
@@ -270,10 +284,9 @@ def _clean_log(
         either = "the ball hardly moves, or " if far <= MIN_MOTION_M else ""
         raise LogError(
             f"{source}: the ball's positions lie within {far:.3g} m of their middle, a plate's "
-            f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}tell the unit, as "
+            f"within {MIN_MOTION_M:g} to {MAX_MOTION_M:g} m: {either}give the unit, as "
             "measured_x=NAME:mm"
         )
-    seen &= np.isfinite(ball).all(axis=-1)
     rows = np.flatnonzero(seen)
     repeats, period = find_held(ball[rows])
     if repeats.any() and "age" not in columns:
@@ -320,6 +333,9 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
         notes: Of the log, to which is added what was done.
     """
     there = np.isfinite(columns["time"])
+    there[_begin_of_unfilled_end(columns) :] = False
+    if unfilled := int(np.isfinite(columns["time"]).sum() - there.sum()):
+        notes.append(f"{plural(unfilled, 'row')} at the end left out: all numbers are 0")
     columns = {role: values[there] for role, values in columns.items()}
     false = _find_false_times(columns["time"])
     if false.any():
@@ -344,6 +360,20 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     if (left := int((~kept).sum()) - joined) > 0:
         notes.append(f"{plural(left, 'row')} of a time that does not rise left out")
     return {role: values[kept] for role, values in (columns | {"time": time}).items()}
+
+
+def _begin_of_unfilled_end(columns: Mapping[str, Array]) -> int:
+    """The first of the rows at the end that are all 0, as of a table that was not filled.
+
+    A single such row is kept.
+
+    Args:
+        columns: Role to values, shape (K,) each.
+    """
+    filled = np.flatnonzero(np.any([values != 0 for values in columns.values()], axis=0))
+    count = len(columns["time"])
+    begin = int(filled[-1]) + 1 if len(filled) else 0
+    return begin if begin < count - 1 else count
 
 
 def _find_false_times(time: Array) -> Mask:
@@ -406,6 +436,23 @@ def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -
         values[first[fills]] = values[fills]
         used[fills] = True
     return int(used.sum())
+
+
+def _join_rows_of_two_axes(columns: dict[str, Array], notes: list[str]) -> None:
+    """Take y at the times of x, in place, where hardly any row has both.
+
+    Args:
+        columns: Role to values, shape (K,) each, by rising time.
+        notes: Of the log, to which is added what was done.
+    """
+    if not {"measured_x", "measured_y"} <= columns.keys():
+        return
+    x, y = (np.isfinite(columns[ball]) for ball in ("measured_x", "measured_y"))
+    if (x & y).sum() >= MIN_SHARED_ROWS * min(x.sum(), y.sum()):
+        return
+    time = columns["time"]
+    columns["measured_y"] = np.where(x, _interpolate(time, time, columns["measured_y"]), np.nan)
+    notes.append("measured_y has rows of its own: taken at the times of measured_x")
 
 
 def _speed(time: Array, place: Array) -> Array:

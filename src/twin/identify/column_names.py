@@ -29,7 +29,7 @@ SINGLE_NAMES = {
 """Kinds that whole names state."""
 
 _KNOWN = frozenset().union(*_WORDS.values(), *WEAK_NAMES)
-_JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed"
+_JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed", "plate"
 _PARTS = sorted(
     (word for kind in _JOINED_KINDS for word in _WORDS[kind] if len(word) > 2),
     key=len,
@@ -47,8 +47,8 @@ class Suggestion:
     """What the name of a column suggests.
 
     Attributes:
-        kind: ``time``, ``measured`` of the ball, ``command``, ``angle`` of a measured one,
-            ``touched`` or ``age``.
+        kind: ``time``, ``counter`` of rows, ``measured`` of the ball, ``command``, ``angle`` of a
+            measured one, ``touched`` or ``age``.
         axis: ``x`` or ``y``; empty if the name states none.
         weight: The larger, the clearer.
         counts: Whether the numbers are in a unit of the rig's own.
@@ -58,6 +58,10 @@ class Suggestion:
     axis: str
     weight: float
     counts: bool
+
+
+COUNTER = Suggestion("counter", "", 1.6, counts=True)
+"""What the name of a column that counts rows suggests."""
 
 
 def suggest_kinds(names: Sequence[str]) -> list[Suggestion | None]:
@@ -133,6 +137,8 @@ def _suggest(name: str, words: tuple[str, ...], axis: str) -> Suggestion | None:
     if words and words[-1] in _WORDS["time"]:
         named = every & (_WORDS["derived"] | _WORDS["drive"])
         return None if named else Suggestion("time", "", 2.0 - 0.1 * len(words), counts=False)
+    if (apart := {word for word in words if not word.isdigit()}) and apart <= _WORDS["counter"]:
+        return COUNTER
     stated = every & {"x", "y"}
     axis = axis or ("".join(stated) if len(stated) == 1 else "")
     known = {word for word in every - _WORDS["neutral"] - stated if not word.isdigit()}

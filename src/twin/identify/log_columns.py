@@ -74,7 +74,8 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
         LogError: If a role is unknown, given twice, or required and missing, or commas are missing.
     """
     if "," not in text and text.count("=") > 1 and " " in text.strip():
-        raise LogError(f"--columns: put commas between the columns: {','.join(text.split())}")
+        parts = re.split(r"\s+(?=\w+=)", text.strip())
+        raise LogError(f"--columns: put commas between the columns: {','.join(parts)}")
     found: dict[str, ColumnWanted] = {}
     for part in filter(None, (each.strip() for each in text.split(","))):
         role, equals, name = (each.strip() for each in part.partition("="))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,20 +15,49 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError, plural, suggest
 from twin.base.foreign import decode_text
+from twin.identify.clocks import pair_seconds
 from twin.identify.log_columns import ROLE_UNITS, ROW_NAME, ColumnWanted, unit_factor
-from twin.identify.text_forms import plain_lines
+from twin.identify.text_forms import plain_lines, split_at_blanks
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import NEEDED_COLUMNS, SECOND_AXIS_COLUMNS, split_unit
 from twin.run.readers import ForeignTable
 
-SEPARATOR_NAMES = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+SEPARATOR_NAMES = {
+    "tab": "\t",
+    "\\t": "\t",
+    "space": " ",
+    "comma": ",",
+    "semicolon": ";",
+    "pipe": "|",
+}
 """Names of separators that a command line may give instead of the sign."""
 BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
 """Cells without a number, in small letters."""
 BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 """Words that stand for a number, in small letters."""
+UNITS_OF_EXAMPLES = {"m": "mm", "rad": "deg", "s": "ms", "1": "1"}
+"""SI unit to the unit that an example of an option has."""
 FEW_ODD_ROWS = 0.02
 """Up to this share of rows, a row with a different number of cells counts as damaged."""
+NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eEdD][-+]?[0-9]+)?[.,]?"
+NUMBER_WITH_UNIT = re.compile(rf"({NUMBER})\s*([mµu]?s|[mcµu]?m|m?rad|deg|°|px|m?V|%)?")
+"""A number, and the unit that follows it in some cells."""
+LIST_CELL = re.compile(rf"[\[(]\s*{NUMBER}(?:[\s,;]+{NUMBER})+\s*[\])]")
+"""A cell with several numbers in brackets."""
+THOUSANDS = re.compile(r"[-+]?(?:\d{1,3}|[1-9]\d{0,2}([.,])\d{3}(?:\1\d{3})*)")
+"""A whole number, with a mark before each three digits from 1000 on."""
+MIN_THOUSANDS = 10
+"""Least number of cells with such marks, and of cells that need none."""
+MIN_SHARE_OF_UNITS = 0.8
+"""Share of the cells of a column that have to have its unit."""
+VALUE_NAME_COLUMNS = frozenset(
+    ("signal", "name", "variable", "channel", "key", "field", "topic", "metric", "label", "kanal")
+)
+"""Names of a column with the name of what a row is of, in small letters."""
+VALUE_COLUMNS = frozenset({"value", "val", "wert", "data", "reading"})
+"""Names of the column with its value."""
+MAX_PIVOTED = 50
+"""Largest number of names for which one of them is taken for a column."""
 MAX_CUT_ROWS = 0.2
 """The same of rows with several different numbers of cells, as of a line that loses letters."""
 
@@ -113,6 +144,18 @@ def find_column(source: str, header: list[str], role: str, column: ColumnWanted)
             return index, split_unit(header[index])[1] or ""
     if column.name.isdecimal() and int(column.name) >= 1:
         return int(column.name) - 1, ""
+    name, at, zero = column.name.rpartition("@")
+    if (
+        at
+        and not column.unit
+        and (name.isdecimal() or name.casefold() in names)
+        and _is_number(zero)
+    ):
+        unit = UNITS_OF_EXAMPLES[ROLE_UNITS[role]]
+        raise LogError(
+            f"--columns: {role}={column.name}: a number at zero needs the unit before it, as "
+            f"{role}={name}:{unit}@{zero}"
+        )
     has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
     meant = suggest(column.name, (split_unit(each)[0] for each in header))
     raise LogError(f"{source}: {role}: no column {column.name}{meant} (it has {has})")
@@ -132,9 +175,11 @@ def counts_rows(header: list[str], column: ColumnWanted) -> bool:
 TIME_OF_DAY = re.compile(
     r"(?:(?P<days>\d+) days? )?"
     r"(?:(?P<day>\d{1,2})(?P<sign>[./])(?P<month>\d{1,2})(?P=sign)(?P<year>\d{4}),? )?"
-    r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d+)?)(?: (?P<half>am|pm))?"
+    r"(?:(?P<hours>\d{1,2}):|(?=\d\d:\d\d\.))(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d+)?)"
+    r"(?: (?P<half>am|pm))?"
 )
-"""A time of day, after a number of days or a date that does not begin with the year."""
+"""A time of day, after a number of days or a date that does not begin with the year; without hours
+its seconds have a fraction."""
 
 
 def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
@@ -145,9 +190,12 @@ def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
     if not isinstance(cells, list):
         return np.where(np.isfinite(cells), cells, np.nan), 0
     values, broken = np.full(len(cells), np.nan), 0
+    mark = _thousands_mark(cells)
     for k, cell in enumerate(cells):
         word = cell.casefold()
-        if ":" in word:
+        if mark:
+            word = word.replace(mark, "")
+        elif ":" in word:
             word = re.sub(r",(?=\d)", ".", word)
         elif "," in word:
             if word.rfind(".") > word.rfind(","):
@@ -156,14 +204,41 @@ def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
                 word = word.replace(".", "")
             word = word.replace(",", ".")
         try:
-            values[k] = BOOLEAN_WORDS[word] if word in BOOLEAN_WORDS else float(word)
+            values[k] = _number(word)
         except ValueError:
-            try:
-                values[k] = _parse_time(word)
-            except ValueError:
-                broken += word not in BLANK_CELLS
+            broken += word not in BLANK_CELLS
     values[~np.isfinite(values)] = np.nan
     return values, broken
+
+
+def _thousands_mark(cells: list[str]) -> str:
+    """The sign that marks thousands in whole numbers, as in ``980`` and ``1,000``; empty for none.
+
+    Some numbers have it, always before three digits, and smaller ones do not.
+    """
+    found = [THOUSANDS.fullmatch(cell) for cell in cells if cell.casefold() not in BLANK_CELLS]
+    marks = [each[1] or "" for each in found if each]
+    (mark, *others) = set(marks) - {""} or {""}
+    shares = min(marks.count(mark), marks.count(""))
+    return mark if mark and not others and all(found) and shares >= MIN_THOUSANDS else ""
+
+
+def _number(word: str) -> float:
+    """The number of a cell in small letters, with a point; of a time seconds.
+
+    It may be in brackets, have marks of thousands or an exponent of Fortran.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if word in BOOLEAN_WORDS:
+        return BOOLEAN_WORDS[word]
+    with suppress(ValueError):
+        return float(word)
+    bare = re.sub(r"(?<=\d)[\s'\u2019](?=\d{3}(?!\d))", "", word.strip("[]()"))
+    with suppress(ValueError):
+        return float(re.sub(r"(?<=[\d.])d(?=[-+]?\d+$)", "e", bare))
+    return _parse_time(word)
 
 
 def _parse_time(word: str) -> float:
@@ -175,7 +250,9 @@ def _parse_time(word: str) -> float:
     found = TIME_OF_DAY.fullmatch(word)
     if found is None:
         return datetime.fromisoformat(word.upper()).replace(tzinfo=UTC).timestamp()
-    seconds = 3600.0 * int(found["hours"]) + 60.0 * int(found["minutes"]) + float(found["seconds"])
+    seconds = (
+        3600.0 * int(found["hours"] or 0) + 60.0 * int(found["minutes"]) + float(found["seconds"])
+    )
     if found["half"]:
         seconds += 43200.0 * ((found["half"] == "pm") - (int(found["hours"]) == 12))
     if found["year"]:
@@ -184,6 +261,15 @@ def _parse_time(word: str) -> float:
             day, month = month, day
         return datetime(int(found["year"]), month, day, tzinfo=UTC).timestamp() + seconds
     return 86400.0 * int(found["days"] or 0) + seconds
+
+
+def are_times_of_day(cells: Array | list[str]) -> bool:
+    """Whether cells are times of day without a date, by the first that is not empty."""
+    if not isinstance(cells, list):
+        return False
+    first = next(filter(None, cells), "").casefold().replace(",", ".")
+    found = TIME_OF_DAY.fullmatch(first)
+    return found is not None and not (found["year"] or found["days"])
 
 
 def _with_unit(name: str, unit: str | None) -> str:
@@ -219,20 +305,23 @@ def _split_columns(
     split = _make_splitter(lines, SEPARATOR_NAMES.get(separator or "", separator))
     rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
     header, at = _find_header(rows, wanted)
-    above = rows[at - 1] if at and not header and split is not str.split else []
-    rows = rows[at:]
+    above = rows[at - 1] if at and not header and split is not split_at_blanks else []
+    notes = []
+    heads = rows[:at]
+    if again := sum(len(row) > 1 and row in heads for row in rows[at:]):
+        notes.append(f"the line of names is repeated {plural(again, 'time')}: left out")
+    rows = [row for row in rows[at:] if len(row) < 2 or row not in heads]
     counts = np.array([len(row) for row in rows], dtype=int)
-    usual = int(np.bincount(counts).argmax()) if len(rows) else 0
+    usual = int(np.bincount(counts).argmax()) if rows else 0
     named = len(header)
     known = {name for names in _name_columns(header) for name in names}
     by_name = any(each.name.casefold() in known for each in wanted.values())
     more = any(any(row[named:]) for row in rows if len(row) == usual)
-    if by_name and (more or (named > usual > 0 and split is str.split)):
+    if by_name and (more or (named > usual > 0 and split is split_at_blanks)):
         raise LogError(
             f"{source}: its header names {plural(named, 'column')}, its rows have {usual}: give "
             "the header a name for each, or take it out and give numbers of columns"
         )
-    notes = []
     if named and (more or named > max(counts, default=named)):
         remark = "the last of its names have none" if by_name else "no name of it is used"
         notes.append(
@@ -262,7 +351,105 @@ def _split_columns(
     ]
     width = max(usual, named)
     columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
-    return header, list(columns), notes
+    header, columns = _spread_lists(header, columns)
+    header, columns = _pivot(*_take_units_out(header, columns))
+    return header, _join_nanoseconds(header, columns, notes), notes
+
+
+def _spread_lists(header: list[str], columns: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """Header and columns with those of lists, as ``[1.5 2.5]``, one for each of their numbers."""
+    names, spread = list[str](), list[list[str]]()
+    for k, cells in enumerate(columns):
+        lists = [re.findall(NUMBER, cell) if LIST_CELL.fullmatch(cell) else [] for cell in cells]
+        size = int(np.bincount([len(each) for each in lists] or [0]).argmax())
+        if size > 1:
+            name = header[k] if k < len(header) else str(k + 1)
+            names += [f"{name}.{i}" for i in range(size)]
+            spread += [
+                [each[i] if len(each) == size else "" for each in lists] for i in range(size)
+            ]
+        else:
+            names += header[k : k + 1]
+            spread.append(cells)
+    return (names if header else header), spread
+
+
+def _take_units_out(
+    header: list[str], columns: list[list[str]]
+) -> tuple[list[str], list[list[str]]]:
+    """Header and columns with the unit of cells such as ``12.5 mm`` in the header alone."""
+    names, bare = list(header), list(columns)
+    for k, cells in enumerate(columns[: len(header)]):
+        found = [each for each in map(NUMBER_WITH_UNIT.fullmatch, cells) if each and each[2]]
+        units = {each[2] for each in found}
+        if len(units) == 1 and len(found) > MIN_SHARE_OF_UNITS * len(cells):
+            unit = units.pop()
+            names[k] = _with_unit(split_unit(header[k])[0], unit)
+            bare[k] = [cell.removesuffix(unit).strip() for cell in cells]
+    return names, bare
+
+
+def _pivot(header: list[str], columns: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """A table of one value a row, with its name, as one with a column for each name.
+
+    A table of other columns stays as it is. Rows stay rows, and have one value each.
+    """
+    names = [split_unit(each)[0].casefold().strip("_") for each in header]
+    by_name = [k for k, name in enumerate(names) if name in VALUE_NAME_COLUMNS]
+    by_value = [k for k, name in enumerate(names) if name in VALUE_COLUMNS]
+    if len(by_name) != 1 or len(by_value) != 1 or len(columns) != len(header):
+        return header, columns
+    labels, values = columns[by_name[0]], columns[by_value[0]]
+    known = dict.fromkeys(filter(None, labels))
+    if not 2 <= len(known) <= MAX_PIVOTED or all(map(_is_number, known)):
+        return header, columns
+    others = [k for k in range(len(header)) if k not in (*by_name, *by_value)]
+    spread = [
+        [value if label == name else "" for label, value in zip(labels, values, strict=True)]
+        for name in known
+    ]
+    found = [*(columns[k] for k in others), *spread]
+    order = _order_by_time([columns[k] for k in others], labels)
+    return [*(header[k] for k in others), *known], [[cells[k] for k in order] for cells in found]
+
+
+def _order_by_time(columns: list[list[str]], labels: list[str]) -> list[int]:
+    """The order of rows by the first column that rises within the rows of each label.
+
+    Where one series follows the other, their rows are mixed by it; without such a column rows
+    stay as they are.
+
+    Args:
+        columns: Cells of each.
+        labels: Label of each row.
+    """
+    which = np.unique(labels, return_inverse=True)[1]
+    grouped = np.argsort(which, kind="stable")
+    same = np.diff(which[grouped]) == 0
+    for cells in columns:
+        numbers = parse_numbers(cells)[0]
+        steps = np.diff(numbers[grouped])[same]
+        if np.isfinite(numbers).all() and (steps >= 0).all() and (steps > 0).any():
+            return [int(k) for k in np.argsort(numbers, kind="stable")]
+    return list(range(len(labels)))
+
+
+def _join_nanoseconds(
+    header: list[str], columns: list[list[str]], notes: list[str]
+) -> list[Array | list[str]]:
+    """The columns with the nanoseconds of a stamp added to its seconds.
+
+    Args:
+        header: Their names.
+        columns: Texts of each.
+        notes: Receives what was added.
+    """
+    joined = list[Array | list[str]](columns)
+    for whole, rest in pair_seconds([split_unit(name)[0] for name in header]):
+        (seconds, _), (added, _) = parse_numbers(columns[whole]), parse_numbers(columns[rest])
+        joined[whole] = seconds + 1e-9 * added
+        notes.append(f"{header[whole]}: with the nanoseconds of {header[rest]}")
+    return joined
 
 
 def _find_unfit_names(above: list[str], usual: int) -> int:
@@ -290,9 +477,11 @@ def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], l
             usual = int(np.median(counts))
             return float(np.mean([count == usual for count in counts])) if usual else 0.0
 
-        separator = next((s for s in (";", "\t", ",") if alike(s) > 0.8), " ")
+        separator = next((s for s in (";", "\t", ",", "|") if alike(s) > 0.8), " ")
+        if separator == "\t" and any(map(_has_pairs_of_numbers, some)):
+            separator = " "
     if separator == " ":
-        return str.split
+        return split_at_blanks
     if not separator or set(separator) & set('"\r\n'):
         raise LogError(
             f"--separator {separator!r}: separates no columns; give a sign such as ; or "
@@ -308,6 +497,12 @@ def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], l
     return split
 
 
+def _has_pairs_of_numbers(line: str) -> bool:
+    """Whether between two tabs of a line are two numbers, so that blanks separate them as well."""
+    pairs = (cell.split() for cell in line.split("\t"))
+    return any(len(cells) > 1 and all(map(_is_number, cells)) for cells in pairs)
+
+
 def _find_header(
     rows: list[list[str]], wanted: Mapping[str, ColumnWanted]
 ) -> tuple[list[str], int]:
@@ -318,7 +513,7 @@ def _find_header(
         if named and not _is_number(row[0]):
             return _join_units(row, rows[at + 1 :], at + 1)
     for at, row in enumerate(rows[:50]):
-        if sum(_is_number(cell) for cell in row) > len(row) / 2:
+        if sum(_is_number(cell) or _is_time(cell) for cell in row) > sum(map(bool, row)) / 2:
             before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
             if before and len(before) > 1 and _are_units(before[-1]):
                 return _join_units(before[-2], before[-1:], at)[0], at
@@ -360,5 +555,15 @@ def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:
     return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
 
 
+def _is_time(cell: str) -> bool:
+    """Whether a cell is a date with a time, or a time of day."""
+    with suppress(ValueError):
+        return ":" in cell and math.isfinite(_parse_time(cell.casefold()))
+    return False
+
+
 def _is_number(cell: str) -> bool:
-    return re.fullmatch(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?[.,]?", cell) is not None
+    """Whether a cell is a number, with or without a unit, or a list of numbers in brackets."""
+    return NUMBER_WITH_UNIT.fullmatch(cell.strip("[]()")) is not None or bool(
+        LIST_CELL.fullmatch(cell)
+    )

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
-from twin.identify.column_names import Suggestion, suggest_kinds
+from twin.identify.clocks import unwrap
+from twin.identify.column_names import COUNTER, Suggestion, suggest_kinds
 from twin.identify.log_columns import (
     AXIS_COLUMNS,
     ROLE_UNITS,
@@ -28,7 +29,7 @@ from twin.run.readers import ForeignTable
 
 NAME_UNITS = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us"}
 """Names that state the unit of their numbers."""
-UNIT_ENDING = re.compile(r"(?i)(.+)[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg)")
+UNIT_ENDING = re.compile(r"(?i)(.+?)(?:[_ ]in)?[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg|°)")
 """A name that ends in its unit, as ``x_mm``."""
 TIME_STEPS = (("s", 1e-5, 0.5), ("ms", 0.5, 500.0), ("us", 500.0, 5e5), ("ns", 5e5, 5e8))
 """Unit of a time, and from and to which step of its numbers it is assumed."""
@@ -40,6 +41,10 @@ WEAK_WEIGHT = 0.5
 """Weight of a suggestion below which it gives way to any other position."""
 MIN_RISING_SHARE = 0.95
 """Share of rows in which a time has to rise."""
+COUNTER_DISADVANTAGE = 1.5
+"""What a column that counts rows lacks in weight: any column of times is better."""
+MIN_COUNTER_STEPS = 10
+"""Least number of steps by which numbers are seen to count rows."""
 RATE_BLANK = "RATEHz"
 """Unit of a time that only counts rows, until the rate of the rows stands there."""
 MAX_SMOOTH_RATIO = 0.1
@@ -193,13 +198,20 @@ def survey(
         )
     elif "time" in found:
         guess = found["time"]
-        (values,) = (each.values for each in columns if each.name == guess.column)
-        notes += _describe_times(guess.column, values * (unit_factor(guess.unit or "s", "s") or 1))
+        (column,) = (each for each in columns if each.name == guess.column)
+        numbers, wraps = unwrap(column.values, of_day=column.dated and column.values.min() < 86400)
+        factor = unit_factor(guess.unit or column.unit or "s", "s") or 1.0
+        notes += _describe_times(guess.column, factor * numbers)
+        if wraps:
+            notes.append(f"{guess.column}: wraps {plural(wraps, 'time')}, and is taken as going on")
     elif any(column.clock is None for column in columns):
         notes.append(
             "no column looks like a time: name one, or for rows at a constant rate give "
             f"time={ROW_NAME}:100Hz"
         )
+    names = [column.name for column in columns]
+    for name in dict.fromkeys(name for name in names if names.count(name) > 1):
+        notes.append(f"{names.count(name)} columns are called {name}: give their numbers")
     described: set[int] = set()
     for column in columns:
         if column.clock is not None and id(column.clock) not in described:
@@ -255,7 +267,10 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
     names = [column.name for column in columns]
     stems = [_split_ending(column.name)[0] for column in columns]
     found: dict[str, tuple[float, RoleGuess]] = {}
-    suggested = suggest_kinds(stems)
+    suggested = [
+        COUNTER if (each is None or each.kind != "time") and _counts_by_one(column.values) else each
+        for column, each in zip(columns, suggest_kinds(stems), strict=True)
+    ]
     values = {column.name: column for column in columns}
     for column, each in zip(columns, suggested, strict=True):
         if each is None or names.count(column.name) > 1 or "," in column.name:
@@ -270,7 +285,7 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
         if guess is None:
             continue
         if guess.unit == RATE_BLANK:
-            weight -= 1.5  # any column of times is better
+            weight -= COUNTER_DISADVANTAGE
         before, other = found.get(role, (0.0, None))
         noisier = (
             other is not None and weight == before and _is_smooth(values[other.column], column)
@@ -298,6 +313,8 @@ def _is_smooth(column: SurveyedColumn, other: SurveyedColumn) -> bool:
 
 def _role_of(each: Suggestion) -> tuple[str, float]:
     """The role of a column, and how clear it is; a column without an axis is along x."""
+    if each.kind == "counter":
+        return "time", each.weight
     if each.kind not in {"measured", "command", "angle"}:
         return each.kind, each.weight
     along = each.axis or "x"
@@ -348,6 +365,9 @@ def _guess(role: str, column: SurveyedColumn, each: Suggestion, alike: Array) ->
     si = ROLE_UNITS[role]
     if role == "time" and not _rises(column.values):
         return None
+    if each.kind == "counter":
+        counted = RoleGuess(role, column.name, RATE_BLANK, "counts rows")
+        return counted if _counts_by_one(column.values, np.median) else None
     if each.kind in {"measured", "command", "angle"} and np.nanmax(column.values) == np.nanmin(
         column.values
     ):
@@ -371,6 +391,12 @@ def _rises(time: Array, *, strictly: bool = False) -> bool:
     return bool((steps > 0).any()) and float(np.mean(rising)) >= MIN_RISING_SHARE
 
 
+def _counts_by_one(values: Array, of_steps: Callable[[Mask], float] = np.all) -> bool:
+    """Whether numbers, shape (K,), rise by 1 from each to the next, or at most of them."""
+    steps = np.diff(values[np.isfinite(values)])
+    return len(steps) >= MIN_COUNTER_STEPS and bool(of_steps(steps == 1))
+
+
 def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple[str, str]:
     """A unit by the size of the numbers, and the reason; empty if any would do.
 
@@ -381,9 +407,9 @@ def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple
     """
     known = values[np.isfinite(values)]
     if role == "time":
-        steps = np.diff(known)
-        if len(steps) and (steps == 1).all():
+        if _counts_by_one(known):
             return RATE_BLANK, "; counts rows by 1"
+        steps = np.diff(known)
         step = float(np.median(steps[steps > 0]))
         unit = next((unit for unit, low, high in TIME_STEPS if low <= step < high), "s")
         return unit, f"; steps of {step:.3g}, as of {unit}"

@@ -18,7 +18,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.base.parts import extra
-from twin.run.files import ros_field
+from twin.run.files import ROS2_TABLES, ros_field
 from twin.run.readers import MAX_MATRIX_COLUMNS, ForeignTable
 from twin.run.record import MOST_ROWS
 
@@ -29,6 +29,13 @@ SIGNALS_TOPIC = "/signals"
 """Topic of an MCAP file of ours that has every column."""
 BAGS_EXTRA = "mcap"
 """The extra that brings the readers."""
+KNOWN_MESSAGES = ROS2_TABLES["messages"] | ROS2_TABLES["known"]
+"""Name of a type of messages to its definition, for bags without definitions."""
+KNOWN_PARTS = "".join(
+    f"{80 * '='}\nMSG: {name}\n{text}"
+    for name, text in (ROS2_TABLES["parts"] | ROS2_TABLES["known_parts"]).items()
+)
+"""Definitions of the messages in them."""
 MAX_MESSAGE_BYTES = 1 << 16
 """Larger messages are pictures and point clouds: they are left out."""
 MAX_CLOCK_DIFFERENCE_S = 0.5
@@ -81,7 +88,7 @@ def read_mcap(path: Path) -> ForeignTable:
 
 
 def read_bag(path: Path) -> ForeignTable:
-    """The columns of a bag of ROS 2 in SQLite that has the definitions of its messages."""
+    """The columns of a bag of ROS 2 in SQLite: of messages that it defines, or of common ones."""
     with extra(BAGS_EXTRA, f"{path.name}: a bag of ROS 2"):
         from mcap.records import Schema  # noqa: PLC0415  of an extra
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
@@ -101,6 +108,9 @@ def read_bag(path: Path) -> ForeignTable:
                 "select id, name, type, serialization_format from topics"
             )
         }
+        for _, kind, _ in topics.values():
+            if (text := KNOWN_MESSAGES.get(kind)) is not None:
+                defined.setdefault(kind, text + KNOWN_PARTS)
         schemas = {
             kind: Schema(id=k, name=kind, encoding="ros2msg", data=text.encode())
             for k, (kind, text) in enumerate(defined.items(), start=1)

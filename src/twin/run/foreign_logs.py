@@ -73,7 +73,8 @@ def foreign_table(path: Path) -> ForeignTable | None:
     except (Exception, MemoryError) as error:  # whatever a broken file makes its readers raise
         raise LogError(f"{path.name}: cannot be read: {one_line(error)}") from error
     if not table.columns:
-        raise LogError(f"{path.name}: {with_article(kind)} without a column of numbers")
+        why = f"; {table.notes[0]}" if table.notes else ""
+        raise LogError(f"{path.name}: {with_article(kind)} without a column of numbers{why}")
     return table
 
 

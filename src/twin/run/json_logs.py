@@ -1,7 +1,11 @@
-"""Reader of measurements in JSON: one object a row, one list a column, or one object a line."""
+"""Reader of measurements in JSON: one object a row, one list a column, or one object a line.
+
+Lines may also be as Python prints them.
+"""
 
 from __future__ import annotations
 
+import ast
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -48,14 +52,29 @@ def _read_lines(text: str, error: json.JSONDecodeError, notes: list[str]) -> Ite
     good = bad = 0
     for line in filter(str.strip, text.splitlines()):
         try:
-            yield json.loads(line)
+            yield _value(line)
             good += 1
-        except json.JSONDecodeError:
+        except ValueError:
             bad += 1
     if bad >= good:
         raise ValueError(str(error))
     if bad:
         notes.append(f"{plural(bad, 'line')} left out: not JSON")
+
+
+def _value(line: str) -> Any:
+    """The value of a line in JSON, or as Python prints it.
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    try:
+        return json.loads(line)
+    except json.JSONDecodeError as error:
+        try:
+            return ast.literal_eval(line.strip())
+        except (SyntaxError, MemoryError, RecursionError):
+            raise ValueError(str(error)) from None
 
 
 def _columns(name: str, value: Any, depth: int) -> Iterator[tuple[str, Array | list[str]]]:
