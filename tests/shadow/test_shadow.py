@@ -21,8 +21,9 @@ from twin.scenario import load
 from twin.shadow.alarms import CHANGE_TEST, Before
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief, belief_of, check_commands, logs
 from twin.shadow.causes import weigh
-from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior, whiten
+from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior
 from twin.shadow.follow import LEARNING_S, shadow
+from twin.shadow.plate import whiten
 from twin.shadow.report import page
 
 ROLLING = '"plant.friction.rolling_mm"=0.234'
