@@ -259,8 +259,8 @@ def known(draw: str, numbers: tuple[int, ...], *, identified: bool) -> list[dict
     The constants of the comparison are applied afterwards, and change nothing of it.
     """
     rooms = [Path(str(files(f"twin.{room}"))) for room in ("shadow", "identify")]
-    names = ("belief.py", "belief.toml", "evidence.py", "alarms.py", "causes.py", "follow.py")
-    sources = [*(rooms[0] / name for name in names), *sorted(rooms[1].rglob("*.py"))]
+    names = "belief.py belief.toml evidence.py plate.py possible.py alarms.py causes.py follow.py"
+    sources = [*(rooms[0] / name for name in names.split()), *sorted(rooms[1].rglob("*.py"))]
     parts: tuple[Callable[..., Any], ...] = (
         others,
         change,

@@ -33,9 +33,9 @@ from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.belief import TWIN_ERROR_STD, WATCHED_PARAMETERS, belief_of, logs
 from twin.shadow.causes import likely
-from twin.shadow.evidence import PLAY_WIDTHS_RAD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import CHI_SQUARE_95, CHI_SQUARE_MEDIAN
+from twin.shadow.plate import PLAY_WIDTHS_RAD
 from twin.study.schema import draw_rigs as drawn_rigs
 from twin.study.schema import read_family
 from twin.study.work import code, digest
@@ -216,11 +216,19 @@ class Job(NamedTuple):
 
 def known(job: Job) -> list[dict[str, Any]]:
     """What is said of the rigs of a job: as kept, or tried and then kept."""
-    room = sorted(Path(str(files("twin.shadow"))).rglob("*.py"))
-    sources = [Path(__file__), HERE / "shadow.toml", *room]
-    how = " ".join(each.read_text(encoding="utf-8") for each in sources)
-    key = digest(f"{code()} {how} {job!r}")
-    return kept("shadow", key, lambda: carry_out(job))
+    how = texts(Path(__file__), HERE / "shadow.toml", *shadow_files())
+    return kept("shadow", digest(f"{code()} {how} {job!r}"), lambda: carry_out(job))
+
+
+def shadow_files() -> list[Path]:
+    """All files on which it depends what the shadow says: its modules and their tables."""
+    folder = Path(str(files("twin.shadow")))
+    return sorted([*folder.rglob("*.py"), *folder.rglob("*.toml")])
+
+
+def texts(*paths: Path) -> str:
+    """The texts of files, one after the other."""
+    return " ".join(each.read_text(encoding="utf-8") for each in paths)
 
 
 def carry_out(job: Job) -> list[dict[str, Any]]:

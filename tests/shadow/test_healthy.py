@@ -118,3 +118,22 @@ def test_a_log_without_verdict_counts_no_hours(monkeypatch):
     monkeypatch.setattr(healthy, "shadow", broken)
     (row,) = healthy.carry_out([healthy.Watched(0, "even")])
     assert (row["why"], row["length"], row["alarms"]) == ("ball off the screen", 0.0, [])
+
+
+@pytest.mark.parametrize("name", ["DRAWS", "UNDER_LAWS", "PER_LAW", "RUN_S"])
+def test_rigs_of_other_draws_seeds_or_lengths_are_kept_under_another_name(monkeypatch, name):
+    job = [healthy.Watched(3, "uneven", "pid")]
+    before, value = healthy.key_of(job), getattr(healthy, name)
+    assert healthy.key_of(job) == before
+    monkeypatch.setattr(healthy, name, {"others": 1} if name == "DRAWS" else value + 1)
+    assert healthy.key_of(job) != before
+
+
+def test_a_changed_table_of_the_shadow_keeps_nothing(monkeypatch, tmp_path):
+    job, files = [healthy.Watched(3, "uneven", "pid")], healthy.shadow_files()
+    (table,) = (each for each in files if each.name == "belief.toml")
+    other = tmp_path / "belief.toml"
+    other.write_text(table.read_text(encoding="utf-8") + "\n# changed", encoding="utf-8")
+    before, others = healthy.key_of(job), [other if each == table else each for each in files]
+    monkeypatch.setattr(healthy, "shadow_files", lambda: others)
+    assert healthy.key_of(job) != before

@@ -36,7 +36,8 @@ from twin.shadow.alarms import (
     statistic_at,
 )
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
-from twin.shadow.evidence import Evidence, plate_evidence
+from twin.shadow.evidence import Evidence
+from twin.shadow.plate import plate_evidence
 from twin.sim.drives import Play
 
 ALARM_LLR, LATE_LLR = CHANGE_TEST.threshold_llr, DEAD_TIME_TEST.threshold_llr

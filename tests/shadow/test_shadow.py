@@ -21,8 +21,9 @@ from twin.scenario import load
 from twin.shadow.alarms import CHANGE_TEST, Before
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief, belief_of, check_commands, logs
 from twin.shadow.causes import weigh
-from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior, whiten
+from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior
 from twin.shadow.follow import LEARNING_S, shadow
+from twin.shadow.plate import PLAY_WIDTHS_RAD, whiten
 from twin.shadow.report import page
 
 ROLLING = '"plant.friction.rolling_mm"=0.234'
@@ -161,16 +162,16 @@ def test_innovations_of_a_disturbed_angle_seen_by_encoders_are_white_with_varian
 def test_lost_motion_may_have_gone_where_there_was_some(believed_play, named):
     log = SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,))
     belief = Belief.of(load("excite", [f"plant.servo.backlash_deg={believed_play}"]), log)
-    less = -1.0  # of a narrow gap of 0.05 deg
     spans = np.stack((np.arange(10.0), np.arange(1.0, 11.0)), axis=-1)
-    A, b = np.full((10, 1, 1), 20.0), np.full((10, 1), 20.0 * less)
-    windows = Evidence.of(("narrow_play",), spans, A, b)
+    seen, less = np.array(PLAY_WIDTHS_RAD), np.radians(-0.1)
+    A, b = np.tile(3e7 * np.outer(seen, seen), (10, 1, 1)), np.tile(3e7 * less * seen, (10, 1))
+    windows = Evidence.of(("narrow_play", "wide_play"), spans, A, b)
     before = Before(
         np.zeros(len(WATCHED_PARAMETERS)), belief.uncertainty + np.diag(belief.drift**2)
     )
     causes = {each.name: each for each in weigh(NO_EVIDENCE, None, windows, before, belief)}
     assert (causes["lost motion"].probability > 0.5) == named
-    assert causes["lost motion"].change.startswith("-0.0")
+    assert causes["lost motion"].change.startswith("-0.")
 
 
 @pytest.mark.long

@@ -32,6 +32,7 @@ from twin.shadow.belief import (
     Belief,
 )
 from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior
+from twin.shadow.possible import limits_of, log_possible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,6 +180,11 @@ class _Sums:
         chosen = [list(CAUSE_SIZES).index(name) for name in causes]
         moved = belief.changes[chosen] / unit / unit[:, None]
         self._alternatives = np.concatenate((np.zeros((1, *moved.shape[1:])), moved))
+        self._limits = {
+            1 + causes.index(name): limit._replace(weights=limit.weights * unit)
+            for name, limit in limits_of(belief).items()
+            if name in causes
+        }
         self._eye = np.eye(len(unit))
         self._drift = np.diag((belief.drift / unit) ** 2)
 
@@ -186,6 +192,8 @@ class _Sums:
         self, begin: NDArray[np.int_], last: NDArray[np.int_], weaker: Array | float = 1.0
     ) -> Array:
         """Log-likelihood ratio of a change before windows ``begin`` up to ``last``, shape (...).
+
+        Of what a cause may change, the impossible part is left out.
 
         Args:
             begin: First window after the change, shape (...).
@@ -195,12 +203,12 @@ class _Sums:
         first = np.maximum(begin - self._learning_windows, 0)
         A, b = self._A, self._b  # noqa: N806
         mean, covariance = posterior(A[begin] - A[first], b[begin] - b[first], self._eye)
-        logs = log_evidence(
-            ((A[last] - A[begin]) / np.expand_dims(weaker, (-2, -1)))[..., None, :, :],
-            ((b[last] - b[begin]) / np.expand_dims(weaker, -1))[..., None, :],
-            (covariance + self._drift)[..., None, :, :] + self._alternatives,
-            mean[..., None, :],
-        )
+        A = (A[last] - A[begin]) / np.expand_dims(weaker, (-2, -1))  # noqa: N806
+        b = (b[last] - b[begin]) / np.expand_dims(weaker, -1)
+        priors = (covariance + self._drift)[..., None, :, :] + self._alternatives
+        logs = log_evidence(A[..., None, :, :], b[..., None, :], priors, mean[..., None, :])
+        for place, limit in self._limits.items():
+            logs[..., place] += log_possible(A, b, priors[..., place, :, :], mean, limit)
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
     def misfit(self) -> Array:

@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
@@ -21,12 +20,13 @@ from twin.shadow.alarms import Before
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, CAUSE_SIZES, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
     NO_EVIDENCE,
-    PLAY_WIDTHS_RAD,
     Evidence,
     ball_evidence,
     log_evidence,
     posterior,
 )
+from twin.shadow.plate import PLAY_WIDTHS_RAD
+from twin.shadow.possible import limits_of, log_possible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,17 +104,6 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     return ", ".join(parts)
 
 
-def one_sided(belief: Belief) -> list[str]:
-    """Parameters that can only have grown, since they are believed to be at their least."""
-    least = {
-        "breakaway": belief.values["breakaway"] <= 1,
-        "lag": belief.lag <= 0,
-        "narrow_play": belief.play <= 0,
-        "wide_play": belief.play <= 0,
-    }
-    return [name for name, there in least.items() if there]
-
-
 MOTION_CAUSES = tuple(
     name for name, sizes in CAUSE_SIZES.items() if set(sizes) <= set(BALL_BELIEFS)
 )
@@ -172,12 +161,10 @@ class _Hypothesis:
         A, b, height = self.sums()  # noqa: N806
         mean = before.mean - self.at
         total = height + float(log_evidence(A, b, self.prior, mean))
-        middle, covariance = posterior(A, b, self.prior, mean)
-        for name in one_sided(belief):
-            k = WATCHED_PARAMETERS.index(name)
-            if name in CAUSE_SIZES[self.name]:
-                grown = (self.at + middle - before.mean)[k] / np.sqrt(max(covariance[k, k], 1e-24))
-                total += float(np.log(2) + log_ndtr(grown))
+        limit = limits_of(belief).get(self.name)
+        if limit is not None:
+            about = limit._replace(least=limit.least - float(limit.weights @ self.at))
+            total += float(log_possible(A, b, self.prior, mean, about))
         return total
 
 

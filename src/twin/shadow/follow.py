@@ -32,7 +32,6 @@ from twin.shadow.evidence import (
     ball_windows,
     gaps,
     noise_evidence,
-    plate_evidence,
 )
 from twin.shadow.horizon import HORIZON_S, FrictionMap, Replays, replays
 from twin.shadow.learning import (
@@ -46,6 +45,7 @@ from twin.shadow.learning import (
     prepare_for,
     taught,
 )
+from twin.shadow.plate import plate_evidence
 
 LEAST_TOLD = 5.0
 """Minimum motion in s for a verdict on the rig's health."""

@@ -32,15 +32,14 @@ from twin.scenario.load import check, put
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, OPEN_STD, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
     NO_EVIDENCE,
-    PLAY_WIDTHS_RAD,
     Evidence,
     ball_evidence,
     ball_windows,
     log_evidence,
     noise_evidence,
-    plate_evidence,
     posterior,
 )
+from twin.shadow.plate import PLAY_WIDTHS_RAD, plate_evidence
 
 DEG = float(np.degrees(1.0))
 """Degrees in a radian."""
