@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from ballplate import lab, laws, observers, references, systems
-    from ballplate.comparing import Comparison, compare, load
+    from ballplate.comparing import compare
+    from ballplate.comparison import Comparison, load
     from ballplate.identifying import Identified, identify
     from ballplate.planning import Planned, plan_experiment
     from ballplate.results import Log, Result
@@ -96,7 +97,8 @@ __all__ = [
 _LAZY_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _LAZY_NAMES = {
-    "comparing": ("Comparison", "compare", "load"),
+    "comparing": ("compare",),
+    "comparison": ("Comparison", "load"),
     "identifying": ("Identified", "identify"),
     "planning": ("Planned", "plan_experiment"),
     "results": ("Log", "Result"),

@@ -18,7 +18,8 @@ from ballplate.changes import (
     varied_of,
     warn_of_replaced,
 )
-from ballplate.comparing import carried_out, cases_of
+from ballplate.comparing import map_scenarios
+from ballplate.comparison_cases import cases_of
 from ballplate.reporter import Reporter, check_processes, default, png, showable, writable
 from twin.base.errors import LawError, ScenarioError, plural
 from twin.base.page import Block, Picture, Table, Text, fragment
@@ -256,7 +257,7 @@ def sweep(
     rows: dict[int, dict[str, Any]] = {}
     try:
         numbered = dict(enumerate(cases))
-        rows.update(carried_out(_evaluate_runs, numbered, processes, report, "sweep"))
+        rows.update(map_scenarios(_evaluate_runs, numbered, processes, report, "sweep"))
     except KeyboardInterrupt:
         if not rows:
             raise
