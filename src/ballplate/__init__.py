@@ -51,7 +51,8 @@ if TYPE_CHECKING:
     from ballplate.results import Log, Result
     from ballplate.rigs import Rig, controller_fmu, controller_source, drive_fmu, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
-    from ballplate.studies import StudyResult, Sweep, family, study, sweep
+    from ballplate.studies import StudyResult, family, study
+    from ballplate.sweeps import Sweep, sweep
 
 __all__ = [
     "BallplateWarning",
@@ -104,7 +105,8 @@ _LAZY_NAMES = {
     "results": ("Log", "Result"),
     "rigs": ("Rig", "controller_fmu", "controller_source", "drive_fmu", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
-    "studies": ("StudyResult", "Sweep", "family", "study", "sweep"),
+    "studies": ("StudyResult", "family", "study"),
+    "sweeps": ("Sweep", "sweep"),
 }
 """Modules that not every program needs, and what is in them."""
 
