@@ -44,13 +44,15 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from ballplate import lab, laws, observers, references, systems
-    from ballplate.comparing import Comparison, compare, load
+    from ballplate.comparing import compare
+    from ballplate.comparison import Comparison, load
     from ballplate.identifying import Identified, identify
     from ballplate.planning import Planned, plan_experiment
     from ballplate.results import Log, Result
     from ballplate.rigs import Rig, controller_fmu, controller_source, drive_fmu, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
-    from ballplate.studies import StudyResult, Sweep, family, study, sweep
+    from ballplate.studies import StudyResult, family, study
+    from ballplate.sweeps import Sweep, sweep
 
 __all__ = [
     "BallplateWarning",
@@ -96,13 +98,15 @@ __all__ = [
 _LAZY_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _LAZY_NAMES = {
-    "comparing": ("Comparison", "compare", "load"),
+    "comparing": ("compare",),
+    "comparison": ("Comparison", "load"),
     "identifying": ("Identified", "identify"),
     "planning": ("Planned", "plan_experiment"),
     "results": ("Log", "Result"),
     "rigs": ("Rig", "controller_fmu", "controller_source", "drive_fmu", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
-    "studies": ("StudyResult", "Sweep", "family", "study", "sweep"),
+    "studies": ("StudyResult", "family", "study"),
+    "sweeps": ("Sweep", "sweep"),
 }
 """Modules that not every program needs, and what is in them."""
 

@@ -1,13 +1,12 @@
-"""Runs side by side, scenarios or variants of one and finished runs, as a mapping that draws."""
+"""Scenarios, variants of one and finished runs, run and shown side by side."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from ballplate.changes import (
     Changes,
@@ -19,198 +18,23 @@ from ballplate.changes import (
     varied_of,
     warn_of_replaced,
 )
+from ballplate.comparison import Comparison, name_folders
+from ballplate.comparison_cases import Case, cases_of, variants_of
 from ballplate.dangers import warn_of_dangers, warn_of_path
-from ballplate.reporter import (
-    Reporter,
-    check_processes,
-    default,
-    overview,
-    showable,
-    writable,
-)
+from ballplate.reporter import Reporter, check_processes, default, writable
 from ballplate.running import WORTH_PROCESS, importable
-from twin.base.errors import LawError, ScenarioError, plural
-from twin.base.parts import left_out
+from twin.base.errors import LawError, ScenarioError
 from twin.base.shipped import find
-from twin.base.writing import write_json, write_whole
-from twin.run.files import (
-    MANIFEST_FILE,
-    PICTURE_OF_MANY,
-    folder_names,
-    forget,
-    number_name,
-    sorted_out,
-)
+from twin.run.files import forget, number_name, sorted_out
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
-    from ballplate.results import Log, Result
+    from ballplate.results import Result
     from twin.run.finished import Run
-    from twin.run.metrics import Motion
-    from twin.scenario.schema import Dimensions, Scenario
+    from twin.scenario.schema import Scenario
 
 
-MAX_NAME_LETTERS = 60
-"""Most letters of a variant's name: it stands in legends, tables and folders."""
 Label = TypeVar("Label")
 Found = TypeVar("Found")
-
-
-@dataclass(repr=False, eq=False)
-class Comparison(Mapping[str, "Result"]):
-    """Runs side by side, by what tells them apart; shows itself in a notebook.
-
-    Attributes:
-        runs: By what tells them apart.
-        title: What is compared.
-        names: What tables and pictures call each run.
-        folders: Where each run that was just made is kept within a folder of the comparison, by
-            label.
-        interrupted: Whether Ctrl-C ended it before all had run.
-        folder: Where it was saved as the runs came; None for nowhere.
-        logs: Which of them are logs, by label.
-
-    Examples:
-        >>> import ballplate as bp
-        >>> settings = {"plant.kind": "lagrange", "duration": 0.5}
-        >>> found = bp.compare("circle", "sine", settings=settings)
-        >>> list(found), found["circle"].units["measured_x"]
-        (['circle', 'sine'], 'm')
-        >>> found["sine"].outcome
-        'finished'
-    """
-
-    runs: Mapping[str, Result]
-    title: str
-    names: Mapping[str, str]
-    _: KW_ONLY
-    folders: Mapping[str, str] = field(default_factory=dict)
-    interrupted: bool = False
-    folder: Path | None = None
-    logs: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Name of a run, or its label."""
-        self.names = {label: self.names.get(label, label) for label in self.runs}
-
-    def __getitem__(self, label: str) -> Result:
-        """One of the runs."""
-        return self.runs[label]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.runs)
-
-    def __len__(self) -> int:
-        return len(self.runs)
-
-    @property
-    def metrics(self) -> dict[str, dict[str, Any]]:
-        """The indicators of each run, as ``Result.metrics``."""
-        return {label: each.metrics for label, each in self.runs.items()}
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The indicators, a row per run."""
-        import pandas as pd
-
-        return pd.DataFrame.from_dict(self.metrics, orient="index")
-
-    @property
-    def motions(self) -> dict[str, Motion]:
-        """The motion of each run by what pictures call it."""
-        return {self.names[label]: each.motion for label, each in self.runs.items()}
-
-    def summaries(self) -> dict[str, dict[str, Any]]:
-        """The indicators of each run, as ``Result.summary``."""
-        return {label: each.summary() for label, each in self.runs.items()}
-
-    def plot(self, panel: str | Sequence[str] | None = None, width_mm: float = 88.0) -> Figure:
-        """All runs in one picture, or in panels of it; arguments as for ``Result.plot``."""
-        from ballplate.results import draw_motions
-
-        return showable(draw_motions(self.motions, self.title, self._plate, panel, width_mm))
-
-    def save(self, folder: str | Path = "runs/compare") -> Path:
-        """Write a folder per run and compare.png into a folder; returns it.
-
-        Raises:
-            RecordError: If it cannot be written, or a run is one that was opened.
-        """
-        from ballplate.results import save_result
-
-        forget(Path(folder))
-        self.folders = _folders_of(self.names)
-        for label, each in self.runs.items():
-            save_result(each, Path(folder) / self.folders[label])
-        return self.draw(folder)
-
-    def draw(self, folder: str | Path) -> Path:
-        """Write the picture and the indicators alone into a folder; returns the folder.
-
-        Raises:
-            RecordError: If it cannot be written.
-        """
-        from twin.run.finished import draw_runs
-
-        place = Path(folder)
-        with left_out(file := place / PICTURE_OF_MANY):
-            write_whole(file, draw_runs(self.motions, self.title, self._plate))
-        content = {
-            "folders": list(self.folders.values()),
-            "names": [self.names[label] for label in self.folders],
-            "linked": [
-                {"position": position, "run": link_to(each.folder, place)}
-                for position, (label, each) in enumerate(self.runs.items())
-                if label not in self.folders and each.folder is not None
-            ],
-            "runs": self.summaries(),
-        }
-        write_json(place / MANIFEST_FILE, content)
-        return place
-
-    @property
-    def _plate(self) -> Dimensions:
-        return next(iter(self.runs.values())).scenario.dimensions
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.title!r}: {', '.join(self.names.values())}>"
-
-    def _repr_html_(self) -> str:
-        """For a notebook: indicators and picture."""
-        runs = {self.names[label]: each for label, each in self.runs.items()}
-        return overview(self.title, runs, self.plot())
-
-
-def _folders_of(names: Mapping[str, str]) -> dict[str, str]:
-    """The folder of each run within the folder of the comparison, by label.
-
-    Args:
-        names: What tables and pictures call each run, by label.
-    """
-    return dict(zip(names, folder_names(names.values()), strict=True))
-
-
-def link_to(folder: Path, place: Path) -> str:
-    """The path of a folder from a place; the whole path where there is none, as across drives."""
-    try:
-        return Path(os.path.relpath(folder.resolve(), place.resolve())).as_posix()
-    except ValueError:
-        return str(folder.resolve())
-
-
-class Case(NamedTuple):
-    """A run of a comparison.
-
-    Attributes:
-        scenario: What is run.
-        name: What tables and pictures call it.
-        source: Name or file of the scenario that it is a variant of.
-    """
-
-    scenario: Scenario
-    name: str
-    source: str
 
 
 def compare(
@@ -268,20 +92,9 @@ def compare(
     names, folders, logs = sorted_out(given, of_any_rig=columns is not None)
     report = reporter or default()
     check_processes(processes, report)
-    if separator is not None and columns is None:
-        pair = map(report.name_of, ("separator", "columns"))
-        raise ScenarioError("{}: needs {}, the columns of a log of any rig".format(*pair))
-    if columns is not None and not logs:
-        what = report.name_of("columns")
-        raise ScenarioError(f"{what}: describe a log; name one, such as run.csv")
-    if vary and not names:
-        what = report.name_of("vary")
-        raise ScenarioError(f"{what}: nothing to run; name a scenario, such as circle")
-    for name in names:
-        find(name)  # a wrong name is reported before anything heavy is imported
+    _check_arguments(names, logs, vary, columns, separator, report)
     from ballplate.results import Result
     from twin.run.opened import open_runs
-    from twin.scenario.variations import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {}, report.name_of("vary"))
     chosen = variants_of(variants, names, report) if variants else {}
@@ -297,23 +110,15 @@ def compare(
     cases = cases_of(names, [*fitted, *base], varied, chosen, alone=not shown, what=own)
     warn_of_replaced(names, base, report)
     finished = label_runs(shown, cases)
-    listed = ", ".join((*chosen, *names[bool(chosen) :], *finished))
-    named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
-    what = next(iter(cases.values())).scenario.title if cases and named else listed
     folder = writable(out, report)
-    if folder is not None:
-        forget(folder)
-    own_folders = _folders_of({label: case.name for label, case in cases.items()})
-    places = {} if folder is None else {label: folder / name for label, name in own_folders.items()}
-    runs = _run_cases(cases, processes, places, report, needed=not finished)
-    positions = _positions(
-        sources, cases, dict(zip(finished, [*logs, *found, *results], strict=True))
-    )
+    runs = _run_cases(cases, processes, folder, report, needed=not finished)
+    origins = dict(zip(finished, [*logs, *found, *results], strict=True))
+    positions = _positions(sources, cases, origins)
     done = Comparison(
         dict(sorted((finished | runs).items(), key=lambda each: positions[each[0]])),
-        comparison(what, varied, [each.text for each in base]),
+        _make_title(names, chosen, cases, finished, varied, base),
         {label: cases[label].name for label in runs},
-        folders={label: own_folders[label] for label in runs},
+        folders={label: name for label, name in _folders_of(cases).items() if label in runs},
         interrupted=len(runs) < len(cases),
         folder=folder,
         logs=tuple(each.name for each in recorded),
@@ -321,6 +126,68 @@ def compare(
     if folder is not None:
         done.draw(folder)
     return done
+
+
+def _check_arguments(
+    names: Sequence[str],
+    logs: Sequence[Path],
+    vary: Vary | None,
+    columns: str | None,
+    separator: str | None,
+    reporter: Reporter,
+) -> None:
+    """Check that the arguments of ``compare`` fit together, before anything heavy is imported.
+
+    Args:
+        names: Scenarios among the sources.
+        logs: Logs among the sources.
+        vary: What is varied.
+        columns: Columns of logs of any rig.
+        separator: Separator of these.
+        reporter: Has the names of the arguments in messages.
+
+    Raises:
+        ScenarioError: If an argument lacks the other one that it needs, or there is no such
+            scenario.
+    """
+    if separator is not None and columns is None:
+        pair = map(reporter.name_of, ("separator", "columns"))
+        raise ScenarioError("{}: needs {}, the columns of a log of any rig".format(*pair))
+    if columns is not None and not logs:
+        what = reporter.name_of("columns")
+        raise ScenarioError(f"{what}: describe a log; name one, such as run.csv")
+    if vary and not names:
+        what = reporter.name_of("vary")
+        raise ScenarioError(f"{what}: nothing to run; name a scenario, such as circle")
+    for name in names:
+        find(name)
+
+
+def _make_title(
+    names: Sequence[str],
+    chosen: Mapping[str, Sequence[KeyChange]],
+    cases: Mapping[str, Case],
+    finished: Mapping[str, Result],
+    varied: Mapping[str, Sequence[Any]],
+    base: Sequence[KeyChange],
+) -> str:
+    """The title of a comparison: of its only scenario, or else the names of all that is in it.
+
+    Args:
+        names: Scenarios.
+        chosen: Named variants of the first scenario, run in its place.
+        cases: The runs of the comparison, by label.
+        finished: Finished runs, by label.
+        varied: What is varied, by key.
+        base: What is changed of all scenarios; a title among it is the comparison's.
+    """
+    from twin.scenario.variations import comparison
+
+    if cases and (any(each.key == "title" for each in base) or (len(names) == 1 and not finished)):
+        what = next(iter(cases.values())).scenario.title
+    else:
+        what = ", ".join((*chosen, *names[bool(chosen) :], *finished))
+    return comparison(what, varied, [each.text for each in base])
 
 
 def _results_among(sources: Sequence[str | Path | Result]) -> list[Result]:
@@ -338,10 +205,15 @@ def _results_among(sources: Sequence[str | Path | Result]) -> list[Result]:
     return results
 
 
+def _folders_of(cases: Mapping[str, Case]) -> dict[str, str]:
+    """The name of the folder of each run within the comparison's folder, by label."""
+    return name_folders({label: case.name for label, case in cases.items()})
+
+
 def _run_cases(
     cases: Mapping[str, Case],
     processes: int | None,
-    places: Mapping[str, Path],
+    folder: Path | None,
     reporter: Reporter,
     *,
     needed: bool,
@@ -351,7 +223,7 @@ def _run_cases(
     Args:
         cases: By label.
         processes: Processes to use; all processors by default.
-        places: Where each run is saved as it comes, by label; empty for nowhere.
+        folder: Folder that each run is saved in as it comes, emptied first; None for nowhere.
         reporter: Receives progress, warnings and the errors of laws.
         needed: Whether at least one of them must run.
 
@@ -361,18 +233,21 @@ def _run_cases(
     """
     from ballplate.results import Result, save_result
 
+    if folder is not None:
+        forget(folder)
+    names = _folders_of(cases)
     runs: dict[str, Result] = {}
     failed: list[LawError] = []
     scenarios = {label: case.scenario for label, case in cases.items()}
     _warn(scenarios, reporter)
     try:
-        for label, came in carried_out(attempt, scenarios, processes, reporter, "comparison"):
+        for label, came in map_scenarios(attempt, scenarios, processes, reporter, "comparison"):
             if isinstance(came, LawError):
                 failed.append(came)
                 reporter.warn(f"{label}: {came}")
                 continue
             run = Result.from_run(came, label)
-            runs[label] = save_result(run, places[label]) if places else run
+            runs[label] = run if folder is None else save_result(run, folder / names[label])
     except KeyboardInterrupt:
         if not runs:
             raise
@@ -439,103 +314,6 @@ def runs_of_logs(
     return runs, fitted
 
 
-def cases_of(
-    names: Sequence[str],
-    base: Sequence[KeyChange],
-    varied: Mapping[str, Sequence[Any]],
-    chosen: Mapping[str, Sequence[KeyChange]] | None = None,
-    *,
-    alone: bool = True,
-    what: str = "variants",
-) -> dict[str, Case]:
-    """Label to case of every run: each scenario with each combination of what is varied.
-
-    Args:
-        names: Scenarios.
-        base: What is changed of all of them.
-        varied: Key to plain values.
-        chosen: Changes of the first scenario by the name of the variant, in place of that scenario.
-        alone: Whether nothing else is shown.
-        what: The argument of the variants in messages.
-
-    Raises:
-        ScenarioError: If anything in them is unknown or out of range, or a variant has the name of
-            a scenario that is run as it is.
-    """
-    from twin.scenario.variations import variants
-
-    cases: dict[str, Case] = {}
-    for called, changed in (chosen or {}).items():
-        scenario = scenario_of(names[0], [*base, *changed], titled=False)
-        cases[called] = Case(scenario, called, names[0])
-    for name in names[1:] if chosen else names:
-        if name in (chosen or {}):
-            raise ScenarioError(
-                f"{what} '{name}': a scenario of this comparison has this name; give another one"
-            )
-        named = (name,) if len(names) > 1 or not varied or not alone else ()
-        for variant in variants(varied):
-            label, called = (
-                " ".join(filter(None, (*named, text))) for text in (variant.label, variant.name)
-            )
-            changed = changes_of((), dict(variant.settings))
-            scenario = scenario_of(name, [*base, *changed], titled=False)
-            cases[label] = Case(scenario, called, name)
-    return cases
-
-
-def variants_of(
-    variants: Mapping[str, Settings] | Sequence[str], names: Sequence[str], reporter: Reporter
-) -> dict[str, list[KeyChange]]:
-    """The changes of each named variant.
-
-    Args:
-        variants: Name to settings, or texts ``NAME=KEY=VALUE; KEY=VALUE``.
-        names: Scenarios, of which the first has variants.
-        reporter: Knows what the argument is called.
-
-    Raises:
-        ScenarioError: If there is no scenario, or a name is empty, too long or there twice.
-    """
-    what = reporter.name_of("variants")
-    if not names:
-        raise ScenarioError(f"{what}: nothing to run; name a scenario, such as circle")
-    given_names = [variants] if isinstance(variants, str) else variants
-    if not isinstance(given_names, Mapping | Sequence) or not all(
-        isinstance(each, str) for each in given_names
-    ):
-        raise ScenarioError(
-            f"{what}: must be a table of names, or texts NAME='KEY=VALUE; KEY=VALUE', "
-            f"got {variants!r:.60}"
-        )
-    if isinstance(given_names, Mapping):
-        pairs: list[tuple[str, Settings]] = list(given_names.items())
-    else:
-        pairs = [_parse_variant(text, what) for text in given_names]
-    found: dict[str, list[KeyChange]] = {}
-    for given, settings in pairs:
-        name = given.strip()
-        if not name or len(name) > MAX_NAME_LETTERS or not name.isprintable():
-            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {MAX_NAME_LETTERS} letters")
-        if name in found:
-            raise ScenarioError(f"{what} '{name}': two variants have this name")
-        try:
-            found[name] = changes_of(settings, {})
-        except ScenarioError as error:
-            raise ScenarioError(f"{what} '{name}': {error}") from None
-    return found
-
-
-def _parse_variant(text: str, what: str) -> tuple[str, Settings]:
-    """Name and settings in a text ``NAME=KEY=VALUE; KEY=VALUE``; what: the argument in messages."""
-    from twin.scenario.load import split_settings
-
-    name, equals, rest = text.partition("=")
-    if not equals:
-        raise ScenarioError(f"{what} '{text:.80}': write NAME='KEY=VALUE; KEY=VALUE'")
-    return name, split_settings(rest)
-
-
 def label_runs(finished: Sequence[Result], taken: Collection[str] = ()) -> dict[str, Result]:
     """Finished runs by their names, or, where those are the same, by their titles.
 
@@ -586,7 +364,7 @@ def _positions(
     return found
 
 
-def carried_out(
+def map_scenarios(
     work: Callable[[Sequence[Scenario]], Sequence[Found]],
     scenarios: Mapping[Label, Scenario],
     processes: int | None,
@@ -630,38 +408,3 @@ def attempt(scenarios: Sequence[Scenario]) -> list[Run | LawError]:
     from twin.run.together import run_together
 
     return list(run_together(scenarios))
-
-
-def load(path: str | Path) -> Result | Comparison | Log:
-    """Open what was recorded before.
-
-    Args:
-        path: A run folder or its ``run.parquet``; a folder of run folders, as ``compare`` writes
-            them; or a CSV log with named columns, units in the header as ``measured_x [mm]``.
-
-    Returns:
-        A ``Result`` for a run, a ``Comparison`` for several, a ``Log`` for a CSV file.
-
-    Raises:
-        TwinError: If it cannot be opened: what is wrong with it, or which column it lacks.
-
-    Examples:
-        >>> import ballplate as bp
-        >>> folder = bp.run("hold", ["plant.kind=lagrange"], duration=0.1).save("kept")
-        >>> bp.load(folder)
-        <Result 'Hold on the centre (plant.kind=lagrange, duration=0.1)': finished>
-    """
-    from ballplate.results import Log, Result
-    from twin.identify import logs
-    from twin.run.opened import open_runs
-
-    file = Path(path)
-    if file.suffix == ".csv":
-        log = logs.read(file)
-        return Log(
-            log.source, log.columns, {name: logs.LOG_COLUMN_UNITS[name] for name in log.columns}
-        )
-    runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
-    if len(runs) == 1:
-        return next(iter(runs.values()))
-    return Comparison(runs, f"Comparison of {plural(len(runs), 'run')}", {})

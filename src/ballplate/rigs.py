@@ -331,7 +331,7 @@ def fmu(
     quiet = scenario_of(scenario, [*given, *changes_of(still, {})])
     from twin.fmu.export import export
 
-    if lacking := export(path, chosen, quiet, fmi=fmi, wished=wished):
+    if lacking := export(path, chosen, quiet, fmi=fmi, with_reference=wished):
         (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
     return path
 

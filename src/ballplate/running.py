@@ -68,19 +68,19 @@ def run(
         scenario: A shipped scenario, one of ``scenarios()``, or a TOML file.
         settings: Changes of it, by dotted keys or as texts ``KEY=VALUE``.
         beside: Scenarios to run as well, simulated and changed alike, for table and picture.
-        out: Folder to save in; see ``Result.save`` for later. A run that is interrupted leaves one
-            that is finished there, and one on a rig any; it goes to the next free folder of the
-            name.
+        out: Folder to save in; see ``Result.save`` for later. An interrupted run replaces no
+            finished one there, and a run on a rig replaces none at all: they go to the next free
+            folder of the name.
         on: Rig file, or ``emulated`` for the virtual rig; simulated by default. A scenario that is
             ``rehearsed`` must keep its ball on the twin first.
         reset: Whether faults found in the drives of a rig are reset when switching on.
-        faults: Faults that the virtual rig does to itself, ``SECONDS LINE`` each, as ``3 unplug``;
+        faults: Faults of the virtual rig during the run, ``SECONDS LINE`` each, as ``3 unplug``;
             the lines are those of ``ballplate emulate``.
-        trace: Where all frames of the CAN bus of a rig are kept, in a format of python-can
-            by the file's ending; in the run's folder as ``trace.log`` by default.
-        watch: Makes the context of the run, which is given the recorder to observe.
+        trace: File for all frames of the CAN bus of a rig, in a format of python-can by its ending;
+            ``trace.log`` in the run's folder by default.
+        watch: Makes the context of the run, which gives a function that receives the recorder.
         reporter: Receives progress and warnings; a notebook has its own.
-        changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
+        changes: Changes of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
 
     Raises:
         TwinError: If there is no such scenario, or anything in it is unknown, out of range or
@@ -100,59 +100,71 @@ def run(
     further = _further_scenarios(chosen, others, changed)
     warn_of_replaced((scenario, *others), changed, report)
     from ballplate.results import Result, save_without_picture
-    from twin.base.jobs import SecondProcess, cores
-    from twin.run.finished import draw
-    from twin.run.opened import holds_finished
     from twin.run.plants import PLANTS
 
     folder = writable(out, report)
     if folder is not None and on is not None:
-        folder = free(folder)  # what was measured is not made again
+        folder = free(folder)  # a measurement cannot be repeated
     file = trace_file(trace, folder, on, report)
     keys = [each.key for each in changed]
     kind = "mujoco" if "parameters" in keys else chosen.plant.kind  # the twin of a foreign rig, too
     label = PLANTS[kind].label if on is None else rig_label(on)
     compared = chosen.baseline and kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
-    saves = chosen.duration >= WORTH_PROCESS and cores() > 1 and importable(chosen)
-    parallel = SecondProcess(wanted=compared and on is None and saves)
-    name, incomplete = Path(scenario).stem, list[str]()
+    rehearsal = partial(rehearse, scenario, changed, report)
+    opening = partial(open_rig, on, chosen, keys, report, reset=reset, planned=planned)
+    incomplete: list[str] = []
+    parallel = _second_process(chosen, wanted=compared and on is None)
     with alone, parallel as second, ExitStack() as written:
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
         with write_trace(file, report, bounded=trace is None, incomplete=incomplete) as heard:
-            rig = open_rig(
-                on,
-                chosen,
-                keys,
-                report,
-                reset=reset,
-                planned=planned,
-                hear=heard,
-                try_first=partial(rehearse, scenario, changed, report),
-            )
+            rig = opening(hear=heard, try_first=rehearsal)
             with rig as (real, chosen), attached as attach:
                 baseline = _begin_clean_run(chosen, second, report) if compared else None
                 observed = attach
                 if real is not None and folder is not None:
                     observed = written.enter_context(stream_record(chosen, folder, attach))
                 done = one_run(chosen, label, report, observed, real)
-                result = Result.from_run(done, name, label)
-                # what is kept does not depend on anything that is done after the run
+                result = Result.from_run(done, Path(scenario).stem, label)
                 if folder is not None:
-                    if on is None and done.interrupted and holds_finished(folder):
-                        folder = free(folder)  # what is finished is worth more than a beginning
-                    save_without_picture(result, folder)
+                    folder = _save_record(result, folder, simulated=on is None)
         if incomplete and folder is not None:
             result.incomplete = tuple(incomplete)
             save_without_picture(result, folder)
-        if real is not None:
-            tell_timing(real, report)
-        if not done.interrupted:
-            _run_others(result, baseline, further, report, real)
-        if folder is not None:
-            # a clean model that nobody waits for any more may keep the second process busy
-            draw(result, folder, result.motions, second if result.finished else None)
+        _complete(result, folder, baseline, further, second, report, real)
         return result
+
+
+def _second_process(scenario: Scenario, *, wanted: bool) -> SecondProcess:
+    """A process for the clean model, if there is one to run and a process of its own saves time."""
+    from twin.base.jobs import SecondProcess, cores
+
+    saves = scenario.duration >= WORTH_PROCESS and cores() > 1 and importable(scenario)
+    return SecondProcess(wanted=wanted and saves)
+
+
+def _save_record(result: Result, folder: Path, *, simulated: bool) -> Path:
+    """Save a run as soon as it has ended, so that no later step can lose its record.
+
+    Args:
+        result: The run.
+        folder: Folder to save in; an interrupted simulation replaces no finished run there but goes
+            to the next free folder of the name.
+        simulated: Whether the run is simulated, so that it could be repeated.
+
+    Returns:
+        The folder with the run.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    from ballplate.results import save_without_picture
+    from twin.run.opened import holds_finished
+
+    if simulated and result.interrupted and holds_finished(folder):
+        folder = free(folder)
+    save_without_picture(result, folder)
+    return folder
 
 
 def _further_scenarios(
@@ -172,6 +184,37 @@ def _further_scenarios(
     if chosen.board is not None:
         found[PYTHON_LABEL] = chosen.model_copy(update={"board": None, "fault": ()})
     return found | {Path(name).stem: scenario_of(name, changed) for name in others}
+
+
+def _complete(
+    result: Result,
+    folder: Path | None,
+    baseline: Callable[[Run], Run] | None,
+    further: Mapping[str, Scenario],
+    second: SecondProcess,
+    reporter: Reporter,
+    rig: Rig | None,
+) -> None:
+    """Complete a run that is saved: timing of the rig, the runs that are shown with it, picture.
+
+    Args:
+        result: The run; receives the runs that are shown with it.
+        folder: Folder to draw in; None for nowhere.
+        baseline: Waits for the run of the clean model; None if there is none.
+        further: Scenarios to run as well, by label.
+        second: The process of the clean model, which can draw, too.
+        reporter: Receives the timing, progress and warnings.
+        rig: The real rig of the run; None if it was simulated.
+    """
+    from twin.run.finished import draw
+
+    if rig is not None:
+        tell_timing(rig, reporter)
+    if not result.interrupted:
+        _run_others(result, baseline, further, reporter, rig)
+    if folder is not None:
+        # if the run did not finish, the second process may still be busy with the clean model
+        draw(result, folder, result.motions, second if result.finished else None)
 
 
 def _run_others(
@@ -196,7 +239,7 @@ def _check_names(scenario: str | Path, others: Sequence[str | Path], reporter: R
     """Check names of scenarios before anything heavy is imported.
 
     Raises:
-        ScenarioError: If one is none; of the others it names the argument.
+        ScenarioError: If there is no such scenario; for one of ``others`` it names the argument.
     """
     find(str(scenario))
     with naming(reporter.name_of("beside")):
@@ -259,7 +302,9 @@ def _begin_clean_run(
 ) -> Callable[[Run], Run]:
     """Begin the run of the clean model in the second process, if there is one.
 
-    What is returned gives its run, for as long as the run that it is given lasted.
+    Returns:
+        A function of the finished run: it waits for the run of the clean model and returns it, cut
+        to the duration of the finished run.
     """
     import scipy.linalg  # noqa: F401  both processes need it: once, where the second is a fork
 

@@ -59,13 +59,13 @@ def test_a_run_that_is_interrupted_replaces_one_that_was(ballplate, monkeypatch)
 
 
 def test_a_comparison_that_is_interrupted_says_so_and_keeps_what_has_run(ballplate, monkeypatch):
-    real = comparing.carried_out
+    real = comparing.map_scenarios
 
     def stopped(*given):
         yield next(real(*given))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(comparing, "carried_out", stopped)
+    monkeypatch.setattr(comparing, "map_scenarios", stopped)
     code, out, err = ballplate("compare", "circle", "--vary", "controller.kind=[lqr,afl]", *SHORT)
     assert (code, err.count("interrupted")) == (1, 1)
     assert "lqr" in out

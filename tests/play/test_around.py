@@ -99,7 +99,7 @@ def test_what_is_this_machine_alone(host, here):
 def test_the_first_drives_and_the_next_takes_over_when_it_has_gone():
     now = 0.0
     audience = Audience(lambda: now, patience=5.0)
-    assert not audience.gone
+    assert not audience.has_left
     audience.come("one")
     audience.come("two")
     assert audience.driver == "one"
@@ -110,13 +110,13 @@ def test_the_first_drives_and_the_next_takes_over_when_it_has_gone():
     audience.go("two")
     audience.go("one")
     now = 4.0
-    assert not audience.gone
+    assert not audience.has_left
     audience.come("three")  # a page that was loaded again
     now = 20.0
-    assert not audience.gone
+    assert not audience.has_left
     audience.go("three")
     now = 26.0
-    assert audience.gone
+    assert audience.has_left
 
 
 def test_a_clock_holds_the_simulation_to_real_time_and_says_when_it_cannot():

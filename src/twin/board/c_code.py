@@ -18,7 +18,7 @@ import casadi as ca
 REALS = {"double": "", "float": "f"}
 """Types of numbers, and what ends a constant and a function of ``math.h`` of that type."""
 MAX_INLINE = 48
-"""Longest term in characters that is written inside another term, if it is used once."""
+"""Maximum length in characters of a term that is written in place, if it is used once."""
 
 _COMPARISONS = {"OP_LT": "({} < {})", "OP_LE": "({} <= {})", "OP_NE": "({} != {})"}
 _LOGIC = {"OP_AND": "({} && {})", "OP_OR": "({} || {})", "OP_NOT": "(!{})"}

@@ -33,11 +33,11 @@ class Board:
     clock_hz: float | None
     """Instructions that it could do in a second if each took a cycle; None for no time at all."""
     cycles_per_instruction: tuple[float, float]
-    """Least and most cycles that an instruction takes on average; the most is calculated with."""
+    """Minimum and maximum of an instruction's mean number of cycles; times use the maximum."""
     time_limit: float
-    """Longest time in s that it may take for an answer."""
+    """Maximum time in s that the program may take for an answer."""
     control: Callable[[], Control]
-    """Gives what it is compiled from."""
+    """Makes the controller that the program is compiled from."""
 
     def __post_init__(self) -> None:
         """Check that there is such a program."""
@@ -73,14 +73,14 @@ class Board:
 
 
 class BoardController(Controller):
-    """The controller of a board, asked in lockstep, with the one in Python along.
+    """The controller of a board, run in lockstep with the same controller in Python.
 
-    The one in Python takes in the same measurements and the rates that the board's were made into;
-    what it requests is recorded and commands nothing.
+    The controller in Python gets the same measurements and the applied rates. Its requested rates
+    are recorded and command nothing.
 
-    A board that computes for longer than a period misses the measurements meanwhile. Its command is
-    applied as many periods later as it takes further ones, begun ones counted; until then the rate
-    before is held. Its observer knows nothing of the periods that it missed.
+    A board that computes for longer than a period misses the measurements of the periods meanwhile.
+    Its command is applied so many periods later, a started period counted as one; until then the
+    previous rate is held. The observer of the board knows nothing of the periods that it missed.
 
     Args:
         law: The law in Python.

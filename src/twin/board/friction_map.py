@@ -1,9 +1,9 @@
 """``friction_map_kalman`` in C: its equations, cut where the covariance and the map are needed.
 
-Loops over the points of the map have no form as one graph. They are a part of its own in C, with
-the covariance. Everything else is the Python code on symbols, which is cut at the four places where
-it asks for them: what it gives there is the result of a C function, what it gets an input of the
-next one.
+Loops over the points of the map cannot be one graph of symbols. They are written in C, together
+with the covariance. Everything else is the Python code, run on symbols. It is cut at the four
+places where it needs the loops: the values that it passes there are the result of one C function,
+and the values that it receives are inputs of the next one.
 """
 
 from __future__ import annotations

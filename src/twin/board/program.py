@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 CONTROLLER_NAME = "controller"
 """What the names of files and functions begin with."""
 INSTRUCTION_SHIFT = 7
-"""An instruction takes 2 to the power of this in ns of QEMU's time. A tick of its SysTick is 40 ns:
-from 7 on a count of ticks, right to one, gives that of instructions to the last one."""
+"""An instruction takes 2^INSTRUCTION_SHIFT ns of QEMU's time, and a tick of its SysTick 40 ns. From
+7 on an instruction takes at least three ticks, so that ticks, counted to within one, give the exact
+number of instructions."""
 EMULATOR = "qemu-system-arm"
 ELF_ARM = b"\x28\0"
 """What an ELF file for an ARM processor has at byte 18."""

@@ -270,7 +270,7 @@ def sweep(
     runs are written to sweep.csv.
     """
     from ballplate.changes import varied_of
-    from ballplate.studies import sweep as run_sweep
+    from ballplate.sweeps import sweep as run_sweep
     from twin.scenario.variations import swept
 
     name = TERMINAL.name_of("vary")

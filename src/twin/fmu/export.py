@@ -184,7 +184,7 @@ def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Var
     values: Any = about.unit.to_si(about.of(scenario))
     pair = isinstance(values, tuple)
     found = UNIT_PATTERN.search(meaning)
-    unit = VARIABLE_TABLES["said"].get(base, found["unit"] if found else "")
+    unit = VARIABLE_TABLES["units"].get(base, found["unit"] if found else "")
     tunable = base.startswith(TUNABLE_PREFIXES) or base.endswith(".variance")
     kind = "Integer" if isinstance(about.default, int) else "Real"
     limits = {name: about.unit.to_si(limit) for name, limit in about.bounds.items()}
@@ -348,7 +348,7 @@ MAX_REFERENCE_S = 5.0
 
 
 def export(
-    path: Path, scenario: Scenario, quiet: Scenario, *, fmi: int = 2, wished: bool = False
+    path: Path, scenario: Scenario, quiet: Scenario, *, fmi: int = 2, with_reference: bool = False
 ) -> str:
     """Write the rig of a scenario as an FMU for co-simulation.
 
@@ -357,10 +357,10 @@ def export(
         scenario: On the exact equations; of its controller only the reference is made.
         quiet: The same without any noise, as an FMU with the parameter ``noise`` false.
         fmi: Version of the standard, 2 or 3.
-        wished: Whether the reference is an output, too.
+        with_reference: Whether the reference is an output, too.
 
     Returns:
-        Why there is no binary in it, in words; empty if there is one.
+        The reason why there is no binary in it, in words; empty if there is one.
 
     Raises:
         TwinError: If the scenario changes while it runs, changes a setting that the C source does
@@ -375,7 +375,7 @@ def export(
     unfollowed = left_out("source")
     for key in changed_in_vain(scenario, unfollowed):
         raise ScenarioError(f"{key}: {FOLLOWER_LABELS['source']} {unfollowed[key]}")
-    held = variables(scenario, frame_phase(scenario), path=wished)
+    held = variables(scenario, frame_phase(scenario), path=with_reference)
     return write_fmu(
         path,
         held,

@@ -292,7 +292,7 @@ class Audience:
             self._left = self._clock()
 
     @property
-    def gone(self) -> bool:
+    def has_left(self) -> bool:
         """Whether all browsers have left for good."""
         return self._left is not None and self._clock() - self._left > self._patience
 
@@ -513,7 +513,7 @@ class Server:
             self._hand_on()
             out_of_time = self._seconds is not None and monotonic() - begin > self._seconds
             self.failure = self._simulation.failure
-            if self._audience.gone or out_of_time or self.failure is not None:
+            if self._audience.has_left or out_of_time or self.failure is not None:
                 server.should_exit = True
                 return
 

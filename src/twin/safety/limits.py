@@ -79,7 +79,7 @@ class FaultCase:
         first: The condition that stops the rig, where it shows before the expected one.
         stopped_by: Who must stop phi and theta; empty for the condition's severity.
         states: The states that phi and theta must reach; empty for those of ``REACHED``.
-        says: Text required in the error line.
+        required_text: Text required in the error line.
         wait: What passes in s before the device concerned is asked, when switching on.
         withheld: Whether the host is left with nothing but to end its heartbeat.
         hangs: Whether the host hangs: it detects nothing, so that the drives' detection counts.
@@ -105,7 +105,7 @@ class FaultCase:
     first: Condition | None = None
     stopped_by: tuple[Stopper, ...] = ()
     states: tuple[Power, ...] = ()
-    says: str = ""
+    required_text: str = ""
     wait: float = 0.0
     withheld: bool = False
     hangs: bool = False

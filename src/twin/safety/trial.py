@@ -327,7 +327,7 @@ class FaultRow(Reaction):
     says: bool
 
     @property
-    def _judged(self) -> dict[str, bool]:
+    def _safe_by_key(self) -> dict[str, bool]:
         stop, off = self.standstill_limit, self.torque_off_limit
         return {
             "stopped_by": self.stopped_by == self.stopped_by_expected,
@@ -343,7 +343,7 @@ class FaultRow(Reaction):
     @property
     def safe(self) -> bool:
         """Whether the plate was safe."""
-        return all(self._judged.values())
+        return all(self._safe_by_key.values())
 
     @property
     def failures(self) -> Names:
@@ -352,7 +352,7 @@ class FaultRow(Reaction):
             "detected": not self.condition or _within(self.detected, self.allowed),
             "reason": self.reason == self.reason_expected,
             "line": self.says,
-            **self._judged,
+            **self._safe_by_key,
             "whole": self.whole,
             "recovered": self.recovered,
         }
@@ -464,7 +464,7 @@ class Trial:
             detected=self._detected(refused_at),
             ending="refused" if run.refusal else str(run.outcome.ending),
             line=line,
-            says=case.says in line,
+            says=case.required_text in line,
             whole=bool(run.refusal) or self._whole(run),
             recovered=not recover or self._recovers(),
             reason=self._reason(run),

@@ -182,11 +182,11 @@ def _parameters(file: str, source: str, *over: str) -> Tables:
 def _merge_tables(
     tables: Mapping[str, Any], more: Mapping[str, Any], settings: Collection[tuple[str, Any]]
 ) -> tuple[Tables, float, bool]:
-    """Tables with those of a parameter file and, over that, settings.
+    """The tables of a scenario, replaced first by a parameter file and then by settings.
 
-    Where the operating area is then smaller than the one that a scenario was made for, the lengths
-    of its reference, and where the ball starts, become smaller in proportion. On a rig of one axis
-    the reference does what it does along x.
+    If the operating area is then smaller than the one that the scenario was made for, the lengths
+    of its reference and the start of the ball are scaled down in proportion. On a rig of one axis
+    the reference keeps its motion along x only.
 
     Returns:
         The tables, the factor on lengths, and whether one axis of two is left.

@@ -41,7 +41,7 @@ EXACT = "plant.kind=lagrange"
 MAX_TIMES = 1000
 """Largest number of points on the exact equations for each on the mechanism."""
 SCREENED_METHODS = ("montecarlo", "sobol")
-"""Methods whose points, or designs, are drawn independently: those of ``lhs`` are not."""
+"""Methods that draw points, or designs, independently of each other; ``lhs`` does not."""
 CHECKED_POINTS = 5
 """So many worst points of each variant, and as many best, are checked on the mechanism."""
 MIN_TAIL_POINTS = 20
