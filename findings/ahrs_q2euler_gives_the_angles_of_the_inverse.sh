@@ -2,8 +2,8 @@
 # AHRS 0.4.0, ahrs.common.orientation.q2euler (scipy 1.17.1 for comparison).
 # Guess: the angles about x, y and z are those of the formulas that its page refers to, roll, pitch and yaw of the
 #   quaternion, as q2rpy of the same module gives them: a turn about x by 30 degrees has the angles 30, 0, 0.
-# Seen: they are those of the inverse rotation: -30, 0, 0. And each quaternion whose four numbers add up to exactly 1 is
-#   taken for no rotation: half turns about x, y and z and turns by 120 degrees give 0, 0, 0. No warning.
+# Seen: they are those of the inverse rotation: -30, 0, 0. And each quaternion with a sum of exactly 1 is taken for no
+#   rotation: half turns about x, y and z and turns by 120 degrees give 0, 0, 0. No warning.
 # Do: q2rpy of the same module, which is right unless the pitch is 90 degrees.
 set -euo pipefail
 folder=$(mktemp -d)

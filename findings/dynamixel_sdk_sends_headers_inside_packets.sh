@@ -5,8 +5,8 @@
 # Seen: that function returns the stuffed packet as a new list and the caller goes on with the old one, so the bytes are
 #   sent as they are, with a length and a CRC that match them. A servo finds a header in the middle of a packet. It
 #   meets the position -131073, and in a sync write of goal current and goal velocity each pair of -1 and a velocity
-#   whose low byte is FD, such as -3: one velocity in 256. A write without a reply, as sync write, returns success.
-# Do: a subclass of Protocol2PacketHandler whose addStuffing does packet[:] = super().addStuffing(packet), as below.
+#   with the low byte FD, such as -3: one velocity in 256. A write without a reply, as sync write, returns success.
+# Do: in a subclass of Protocol2PacketHandler let addStuffing do packet[:] = super().addStuffing(packet), as below.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # filterpy 2.0.0, log_likelihood and likelihood of InformationFilter.
-# Guess: they are those of KalmanFilter, whose estimates the filter has to 13 digits: the density of the measurement
+# Guess: they are those of KalmanFilter, as the estimates are to 13 digits: the density of the measurement
 #   given the earlier ones, the normal density of the residual with its covariance H P H' + R.
 # Seen: the inverse of the new covariance of the state, which the filter keeps as S, is taken for it. With one
 #   measurement of two states the residual is put in for both. So the more the filter knows, the less likely each

@@ -3,7 +3,7 @@
 # Guess: units are converted, as in the operator % and as in numpy.add, hypot or clip: 370 degrees wrapped by a turn of
 #   2 pi rad are 10 degrees.
 # Seen: the numbers are taken as they are, 370 modulo 6.28, and the result has the unit of the first: 5.58 degrees. A
-#   modulus of another dimension is taken, too: 7 m modulo 2 s is 1 m. No warning.
+#   modulus of a different dimension is taken, too: 7 m modulo 2 s is 1 m. No warning.
 # Do: the operator %, which converts and refuses other dimensions, or .to(...) before the call.
 set -euo pipefail
 folder=$(mktemp -d)
@@ -34,7 +34,7 @@ for function in (np.remainder, np.mod, np.fmod):
     assert np.isclose(lengths, 7.0) and mixed == unit.Quantity(1.0, "meter")
 try:
     unit.Quantity(7.0, "meter") % unit.Quantity(2.0, "second")
-    raise AssertionError("the operator took another dimension")
+    raise AssertionError("the operator took a different dimension")
 except pint.DimensionalityError as refusal:
     print("operator %:", refusal)
 assert np.isclose(np.hypot(unit.Quantity(3.0, "meter"), unit.Quantity(400.0, "centimeter")).to("meter").magnitude, 5)
