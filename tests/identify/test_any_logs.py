@@ -139,6 +139,7 @@ def test_a_rate_is_the_inverse_of_a_time():
         ("time=t,measured_x=x@60,command_phi=u", r"as measured_x=x:mm@60$"),
         ("time=t,measured_x=2@-1.5,command_phi=u", r"as measured_x=2:mm@-1.5$"),
         ("time=t,measured_x=x,command_phi=u@90", r"as command_phi=u:deg@90$"),
+        ("time=t,measured_x=x@60mm,command_phi=u", r"as measured_x=x:mm@60$"),
         ("time=t,measured_x=w@60,command_phi=u", "no column w@60"),
         ("time=t,measured_x=x@y,command_phi=u", "no column x@y"),
     ],
@@ -178,3 +179,10 @@ def test_a_log_in_which_the_ball_is_never_seen_is_one_line(tmp_path):
     file.write_text("\n".join(["t,x,u,touched", *lines]))
     with pytest.raises(LogError, match="no row has a ball that is seen"):
         read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u,touched=touched"))
+
+
+def test_a_log_of_zeros_alone_is_one_line(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["t,x,u", *(80 * ["0,0,0"])]))
+    with pytest.raises(LogError, match="0 usable rows"):
+        read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u"))

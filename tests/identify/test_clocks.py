@@ -48,6 +48,16 @@ def test_a_time_of_day_goes_on_after_midnight_and_noon(tmp_path, hours, base):
     assert log.axes["x"].sampled == pytest.approx(T, abs=2e-3)
 
 
+def test_a_log_is_surveyed_by_a_time_of_day_with_an_empty_cell(tmp_path):
+    at = (86398.0 + T) % 86400
+    clocks = [f"{t // 3600:02.0f}:{t % 3600 // 60:02.0f}:{t % 60:06.3f}" for t in at.round(3)]
+    clocks[-5] = ""
+    rows = [f"{t};{1e3 * x:.3f};{np.cos(t0)}" for t, x, t0 in zip(clocks, X, T, strict=True)]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["time;x;u", *rows]))
+    assert any("time: wraps 1 time" in note for note in survey(file).notes)
+
+
 @pytest.mark.parametrize("last", [65000.0, 65300.0, 70000.0, 2.0**31])
 def test_a_board_that_begins_anew_does_not_wrap(last):
     first = last - MS[::-1]

@@ -242,6 +242,7 @@ def test_a_comment_that_names_other_columns_than_there_are_is_no_header(tmp_path
         (["1234,5", "1236,75"], 2.25),
         (["59:58.5", "59:59.75"], 1.25),
         (["59:58,5", "59:59,75"], 1.25),
+        (["01:58.5 PM", "01:59.75 PM"], 1.25),
     ],
 )
 def test_dates_times_and_decimal_signs_of_many_countries_are_numbers(cells, seconds):
@@ -346,3 +347,12 @@ def test_a_table_of_dates_and_words_keeps_its_header(tmp_path):
     assert axis.ball == pytest.approx(1e-3 * X)
     assert axis.time == pytest.approx(T)
     assert axis.tilt == pytest.approx(np.radians(U))
+
+
+def test_a_line_of_a_date_that_does_not_exist_is_no_error():
+    lines = [f"2026-02-03 10:00:{k:02d}.500 -> x:{k} y:2" for k in range(40)]
+    damaged = [*lines[:20], lines[20].replace("02-03", "02-30"), *lines[21:]]
+    whole = plain_lines("\n".join(lines))
+    assert [row for row in plain_lines("\n".join(damaged)) if row in whole] == [
+        row for k, row in enumerate(whole) if k != 21
+    ]

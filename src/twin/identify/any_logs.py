@@ -337,6 +337,8 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     if unfilled := int(np.isfinite(columns["time"]).sum() - there.sum()):
         notes.append(f"{plural(unfilled, 'row')} at the end left out: all numbers are 0")
     columns = {role: values[there] for role, values in columns.items()}
+    if not there.any():
+        return columns
     false = _find_false_times(columns["time"])
     if false.any():
         notes.append(

@@ -149,12 +149,12 @@ def find_column(source: str, header: list[str], role: str, column: ColumnWanted)
         at
         and not column.unit
         and (name.isdecimal() or name.casefold() in names)
-        and _is_number(zero)
+        and (number := NUMBER_WITH_UNIT.fullmatch(zero))
     ):
         unit = UNITS_OF_EXAMPLES[ROLE_UNITS[role]]
         raise LogError(
             f"--columns: {role}={column.name}: a number at zero needs the unit before it, as "
-            f"{role}={name}:{unit}@{zero}"
+            f"{role}={name}:{unit}@{number[1]}"
         )
     has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
     meant = suggest(column.name, (split_unit(each)[0] for each in header))
@@ -250,11 +250,10 @@ def _parse_time(word: str) -> float:
     found = TIME_OF_DAY.fullmatch(word)
     if found is None:
         return datetime.fromisoformat(word.upper()).replace(tzinfo=UTC).timestamp()
-    seconds = (
-        3600.0 * int(found["hours"] or 0) + 60.0 * int(found["minutes"]) + float(found["seconds"])
-    )
+    hours = int(found["hours"] or 0)
+    seconds = 3600.0 * hours + 60.0 * int(found["minutes"]) + float(found["seconds"])
     if found["half"]:
-        seconds += 43200.0 * ((found["half"] == "pm") - (int(found["hours"]) == 12))
+        seconds += 43200.0 * ((found["half"] == "pm") - (hours == 12))
     if found["year"]:
         day, month = int(found["day"]), int(found["month"])
         if found["sign"] == "/" and day <= 12:  # as in the United States

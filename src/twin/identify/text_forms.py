@@ -116,13 +116,20 @@ def _with_clock(line: str, prefix: re.Pattern[str]) -> str:
     if " " in clock and between == " ":
         rest, between = ";".join(rest.split()), ";"
     if _labelled(rest) is not None:
-        return f"{RECEIVED_NAME}_s:{_seconds(clock)}{between}{rest}"
+        try:
+            return f"{RECEIVED_NAME}_s:{_seconds(clock)}{between}{rest}"
+        except ValueError:  # a date that does not exist
+            return rest
     names = re.search(r"\d", rest) is None
     return f"{RECEIVED_NAME if names else clock}{between}{rest}"
 
 
 def _seconds(clock: str) -> str:
-    """A time of day, with or without a date, in seconds."""
+    """A time of day, with or without a date, in seconds.
+
+    Raises:
+        ValueError: If there is no such date.
+    """
     if ":" not in clock:
         return clock
     if "-" in clock:

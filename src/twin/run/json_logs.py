@@ -73,7 +73,7 @@ def _value(line: str) -> Any:
     except json.JSONDecodeError as error:
         try:
             return ast.literal_eval(line.strip())
-        except (SyntaxError, MemoryError, RecursionError):
+        except (SyntaxError, TypeError, MemoryError, RecursionError):
             raise ValueError(str(error)) from None
 
 
