@@ -112,7 +112,9 @@ def compare(
     finished = label_runs(shown, cases)
     folder = writable(out, report)
     runs = _run_cases(cases, processes, folder, report, needed=not finished)
-    origins = dict(zip(finished, [*logs, *found, *results], strict=True))
+    origins: dict[str, Path | Run | Result] = dict(
+        zip(finished, [*logs, *found, *results], strict=True)
+    )
     positions = _positions(sources, cases, origins)
     done = Comparison(
         dict(sorted((finished | runs).items(), key=lambda each: positions[each[0]])),
@@ -334,14 +336,14 @@ def label_runs(finished: Sequence[Result], taken: Collection[str] = ()) -> dict[
 def _positions(
     sources: Sequence[str | Path | Result],
     cases: Mapping[str, Case],
-    finished: Mapping[str, Path | Run],
+    finished: Mapping[str, Path | Run | Result],
 ) -> dict[str, int]:
     """The position of the source of each run, by label.
 
     Args:
         sources: As they were given.
         cases: The scenarios.
-        finished: Finished runs and, of a log, its file.
+        finished: Results and finished runs and, of a log, its file.
     """
     from twin.run.files import is_last, last, run_folders
 

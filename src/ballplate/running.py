@@ -29,6 +29,7 @@ from twin.run.files import free
 if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.base.jobs import SecondProcess
+    from twin.devices.rig import HardwareRig
     from twin.hal.rig import Rig
     from twin.run.finished import Run
     from twin.scenario.schema import Scenario
@@ -193,7 +194,7 @@ def _complete(
     further: Mapping[str, Scenario],
     second: SecondProcess,
     reporter: Reporter,
-    rig: Rig | None,
+    rig: HardwareRig | None,
 ) -> None:
     """Complete a run that is saved: timing of the rig, the runs that are shown with it, picture.
 
