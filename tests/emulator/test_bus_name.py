@@ -1,9 +1,10 @@
-"""Tests of `twin.emulator.bus_name`: names of buses."""
+"""Tests of `twin.emulator.bus_name`: names of buses, read without python-can."""
 
+import can
 import pytest
 
 from twin.base.errors import RigError
-from twin.emulator.bus_name import BusName, parse_bus
+from twin.emulator.bus_name import BusName, interface_names, parse_bus
 
 
 @pytest.mark.parametrize(
@@ -35,3 +36,12 @@ def test_a_bus_that_cannot_be_is_refused_in_one_line(text, words):
     with pytest.raises(RigError, match=words) as caught:
         parse_bus(text)
     assert "\n" not in str(caught.value)
+
+
+def test_the_interfaces_are_those_of_the_loaded_library():
+    assert interface_names() == can.VALID_INTERFACES
+
+
+def test_the_interfaces_of_an_unknown_version_come_from_the_loaded_library(monkeypatch):
+    monkeypatch.setattr("twin.emulator.bus_name.find_spec", lambda _: None)
+    assert interface_names() == can.VALID_INTERFACES

@@ -1,9 +1,16 @@
-"""Names of CAN buses as python-can has them."""
+"""Names of CAN buses as python-can has them; nothing here loads python-can.
+
+python-can imports asammdf where that is installed, which takes seconds.
+"""
 
 from __future__ import annotations
 
+import ast
 import ipaddress
 import re
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import NamedTuple
 
 from twin.base.errors import RigError, nearest
@@ -38,15 +45,12 @@ def parse_bus(text: str) -> BusName:
 
     Raises:
         RigError: python-can has no such interface, or the channel cannot be one of it.
-        AbsentPartError: python-can is not installed.
     """
     if re.fullmatch(r"v?can\d+", text):
         return BusName("socketcan", text)
-    import can  # noqa: PLC0415  takes seconds where asammdf is installed
-
     interface, _, channel = text.partition(":")
-    if interface not in can.VALID_INTERFACES:
-        near = nearest(interface, sorted(can.VALID_INTERFACES))
+    if interface not in (known := interface_names()):
+        near = nearest(interface, sorted(known))
         raise RigError(f"--bus {text}: unknown CAN interface {interface!r}{near}")
     if interface != "udp_multicast" or not channel:
         return BusName(interface, channel)
@@ -56,6 +60,27 @@ def parse_bus(text: str) -> BusName:
     if at and not (port.isdecimal() and 1024 <= int(port) <= 65535):
         raise RigError(f"--bus {text}: the port must be 1024 to 65535")
     return BusName(interface, group, int(port) if at else None)
+
+
+def interface_names() -> set[str]:
+    """Interfaces that python-can offers, its own and those of other packages.
+
+    Its own are read in its source, where they stand as a table; the table of an unknown version of
+    it is taken from the loaded library.
+
+    Raises:
+        AbsentPartError: python-can is not installed.
+    """
+    found = find_spec("can")
+    for folder in (found and found.submodule_search_locations) or ():
+        source = Path(folder, "interfaces", "__init__.py")
+        for node in ast.parse(source.read_text(encoding="utf-8")).body if source.exists() else ():
+            if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "BACKENDS":
+                others = {each.name for each in entry_points(group="can.interface")}
+                return others.union(ast.literal_eval(node.value) if node.value else ())
+    import can  # noqa: PLC0415  takes seconds
+
+    return {*can.VALID_INTERFACES}
 
 
 def _is_multicast(text: str) -> bool:
