@@ -55,6 +55,17 @@ def test_lines_that_are_cut_are_left_out(tmp_path):
     assert table.notes == ("1 line left out: not JSON",)
 
 
+@pytest.mark.parametrize("no_value", ["{[1]: 2}", "{1: {[2]}}", "f(1)", "{'t': 1"])
+def test_a_line_that_is_no_value_costs_itself_among_lines_that_python_printed(tmp_path, no_value):
+    file = tmp_path / "a.json"
+    file.write_text(
+        "\n".join([*map(repr, json.loads(json.dumps(ROWS))), no_value]), encoding="utf-8"
+    )
+    table = foreign_table(file)
+    assert table.columns["ball.x"] == pytest.approx(X)
+    assert table.notes == ("1 line left out: not JSON",)
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -199,7 +199,7 @@ def survey(
     elif "time" in found:
         guess = found["time"]
         (column,) = (each for each in columns if each.name == guess.column)
-        of_day = column.dated and np.nanmin(column.values) < 86400
+        of_day = column.dated and float(np.nanmin(column.values)) < 86400
         numbers, wraps = unwrap(column.values, of_day=of_day)
         factor = unit_factor(guess.unit or column.unit or "s", "s") or 1.0
         notes += _describe_times(guess.column, factor * numbers)
