@@ -54,6 +54,12 @@ def uneven():
     return circled("duration=9", "plant.surface.spread_percent=20")
 
 
+@pytest.fixture(scope="module")
+def replayed():
+    """The same for as long as replays of both of its parts count."""
+    return circled("duration=14", "plant.surface.spread_percent=20")
+
+
 def on_screen(belief, **surface):
     """The same twin, which believes another screen."""
     plant = belief.scenario.plant
@@ -218,8 +224,8 @@ def test_of_a_plate_with_camber_that_is_known_replays_are_as_near_as_of_a_flat_o
 
 
 @pytest.mark.long
-def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
-    log, belief = uneven
+def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(replayed):
+    log, belief = replayed
     run = replays(log, belief, NO_GAPS)
     inside = run.square[run.counted] <= CHI_SQUARE_95
     assert len(inside) > 10
@@ -229,8 +235,8 @@ def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
 
 
 @pytest.mark.long
-def test_replays_in_parts_are_those_in_one_go(uneven):
-    log, belief = uneven
+def test_replays_in_parts_are_those_in_one_go(replayed):
+    log, belief = replayed
     whole = replays(log, belief, NO_GAPS)
     screen = FrictionMap(belief)
     first = replays(log, belief, NO_GAPS, until=8.5, screen=screen)
