@@ -17,7 +17,7 @@ from twin.identify.logs import read
 from twin.identify.prepare import prepare
 from twin.run.opened import open_run
 from twin.scenario import load
-from twin.shadow import follow
+from twin.shadow import follow, learning
 from twin.shadow.causes import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
@@ -128,7 +128,7 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
     scored = examine(path, tmp_path).replays
     if noise_known:  # what only the whole log tells
         sigma = prepare(read(path)).sigma
-        monkeypatch.setattr(follow, "prepare", lambda log: replace(prepare(log), sigma=sigma))
+        monkeypatch.setattr(learning, "prepare", lambda log: replace(prepare(log), sigma=sigma))
     follower = follow.LiveFollower(recorded.scenario, "the run")
     rows = recorded.rows
     alarms = []
