@@ -33,7 +33,11 @@ KNOWN_MESSAGES = ROS2_TABLES["messages"] | ROS2_TABLES["known"]
 """Name of a type of messages to its definition, for bags without definitions."""
 KNOWN_PARTS = "".join(
     f"{80 * '='}\nMSG: {name}\n{text}"
-    for name, text in (ROS2_TABLES["parts"] | ROS2_TABLES["known_parts"]).items()
+    for name, text in (
+        ROS2_TABLES["parts"]
+        | ROS2_TABLES["known_parts"]
+        | {name.replace("/msg/", "/"): text for name, text in ROS2_TABLES["known"].items()}
+    ).items()
 )
 """Definitions of the messages in them."""
 MAX_MESSAGE_BYTES = 1 << 16
