@@ -66,7 +66,7 @@ def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> N
 def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     code, out, err = study("short.toml", "--processes", "1")
     assert code == 0
-    assert "Short study: 4 runs" in err
+    assert "Short study: 0 of 4 runs ..." in err
     assert "flung: 2 of 2 runs did not finish" in " ".join(out.split())
     # the table of variant by parameter is first, and few runs have no quantiles
     table, spread = out.split("Compared", maxsplit=1)
