@@ -32,7 +32,11 @@ def test_the_wheel_installs_code_model_and_scenarios_typed_and_nothing_else(whee
         "twin/fmu/c/rig.c",
         *(f"{name}/py.typed" for name in ("ballplate", "twin", "controllers")),
     } <= names
-    assert not [name for name in names if "test" in name or name.startswith("src/")]
+    assert not [
+        name
+        for name in names
+        if name.startswith("src/") or any(part.startswith("test") for part in name.split("/"))
+    ]
     data = f"{PROJECT['name']}-{PROJECT['version']}.dist-info"
     assert {name.split("/")[0] for name in names} == {
         "ballplate", "controllers", "scenarios", "twin", data,

@@ -44,7 +44,7 @@ class Identified:
 
     Examples:
         >>> import ballplate as bp
-        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=10)
+        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=16)
         >>> found = bp.identify(done, "rolling", hold_out=0.3)
         >>> found.sentences[1]
         'Identified: friction.rolling_mm.'
@@ -128,7 +128,7 @@ def identify(
 
     Examples:
         >>> import ballplate as bp
-        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=10)  # its arm is 0.18 mm
+        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=16)  # its arm is 0.18 mm
         >>> (rolling,) = bp.identify(done, "rolling", hold_out=0.3).verdicts
         >>> print(f"{rolling.value:.2f} {rolling.about.unit}, {rolling.word}")
         0.18 mm, identified

@@ -77,20 +77,24 @@ def test_a_run_that_fell_exits_with_one_and_keeps_its_record(ballplate, tmp_path
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("changes", "more"),
+    ("changes", "goal", "more"),
     [
-        ((), ""),
-        (("controller.rho=90.0", "reference.x=0.1"), ", controller.rho=90.0, reference.x=0.1"),
+        ((), "150", ""),
+        (
+            ("controller.rho=90.0", "reference.x=0.1"),
+            "100",
+            ", controller.rho=90.0, reference.x=0.1",
+        ),
     ],
 )
 def test_what_was_changed_is_in_the_title_of_everything_a_run_leaves(
-    ballplate, tmp_path, monkeypatch, changes, more
+    ballplate, tmp_path, monkeypatch, changes, goal, more
 ):
     drawn = []
     monkeypatch.setattr(
         twin.run.picture.Figure, "suptitle", lambda _, text, **__: drawn.append(text)
     )
-    title = f"Step to (150, 150) mm (duration=0.2, metrics.start=0{more}, plant.kind=lagrange)"
+    title = f"Step to ({goal}, 150) mm (duration=0.2, metrics.start=0{more}, plant.kind=lagrange)"
     asked = [word for change in changes for word in ("--set", change)]
     _, out, _ = ballplate("run", "step", *QUICK, *asked, "--out", "made")
     assert out.splitlines()[0] == title

@@ -27,13 +27,17 @@ def pins_in(place):
 
 
 def installed(place, interpreter, *packages):
-    """Programs of a fresh environment with some packages at their pins, and variables for them."""
+    """Programs of a fresh environment with some packages at their pins, and variables for them.
+
+    Settings of OpenBLAS stay: another kernel gives other last bits.
+    """
     environment = place / "environment"
     call(UV, "venv", "--python", interpreter, environment)
     programs = environment / "bin"
     pins = pins_in(place)
     call(UV, "pip", "install", "--python", programs / "python", "--constraint", pins, *packages)
-    return programs, {"PATH": os.environ["PATH"], "HOME": str(place)}
+    blas = {name: text for name, text in os.environ.items() if name.startswith("OPENBLAS_")}
+    return programs, {"PATH": os.environ["PATH"], "HOME": str(place), **blas}
 
 
 def here(version):

@@ -71,8 +71,13 @@ def made(cls, change):
 
 
 def bounds(change):
-    """Supervisors with other bounds."""
-    return made(Supervisor, lambda self: setattr(self, "_bounds", change(self._bounds)))
+    """Supervisors with other bounds, those that one rig alone is compared with included."""
+
+    def changed(self):
+        self._bounds = change(self._bounds)
+        self._bounds_of_one = self._bounds[0].tolist()
+
+    return made(Supervisor, changed)
 
 
 def without_bound(at):

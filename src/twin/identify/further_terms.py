@@ -21,6 +21,8 @@ FILTER_SETTLES = 3.0
 """Time for which a filter still has its start, over the lag."""
 MAX_COST_RISE = 4.0
 """By how much more than the best fit one with another filter may leave: two standard deviations."""
+LEVER_DIFFERENCE_M = 0.02
+"""Difference of the lever for slopes by it."""
 STICKING_SPEEDS_M_S = (0.005, 0.015, 0.05)
 """Speeds at which half of an additional friction at rest is left, from the twin's own upwards."""
 
@@ -177,8 +179,10 @@ def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
 def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
     """Share of further tilt that acts along with the tilt, its error, and the gain next to it.
 
-    The step finds the acceleration by the further tilt. Its share is of the gain next to it, not of
-    the gain of the fit, which is a mean over small tilts and large ones.
+    The step finds the acceleration by the further tilt, and by a lever where one is possible: the
+    fit has none yet, and what a lever leaves resembles a gain that changes with the tilt. The share
+    is of the gain next to it, not of the gain of the fit, which is a mean over small tilts and
+    large ones.
 
     Args:
         fit: Of the axis.
@@ -188,11 +192,24 @@ def find_admixture(fit: AxisFit, more: Array) -> tuple[float, float, float]:
         The share, the half-width of its interval, and the gain in m/s^2 by the unit of the tilt.
     """
     fit = fit.windowed or fit
-    step, half, _ = _step_by(fit, fit.slope_by_tilt(more)[..., None])
-    fitted = fit.value("gain")
-    gain = fitted + float(step[fit.problem.names.index("gain")])
+    names, slopes = fit.problem.names, [fit.slope_by_tilt(more)]
+    if "lever" in fit.problem.tilt.tried and "lever" not in names:
+        slopes.append(_slope_by_lever(fit))
+    step, half, _ = _step_by(fit, np.stack(slopes, axis=-1))
+    fitted, at = fit.value("gain"), len(names)
+    gain = fitted + float(step[names.index("gain")])
     share = fitted / gain
-    return float(step[-1]) * share, float(half[-1]) * abs(share), gain / fit.problem.tilt.scale
+    return float(step[at]) * share, float(half[at]) * abs(share), gain / fit.problem.tilt.scale
+
+
+def _slope_by_lever(fit: AxisFit) -> Array:
+    """Slope of the residuals by a lever in m, which the fit has not, shape (W, M)."""
+    problem = replace(fit.problem, names=(*fit.problem.names, "lever"))
+    ways = []
+    for lever in (LEVER_DIFFERENCE_M, -LEVER_DIFFERENCE_M):
+        theta = np.append(fit.found.theta, [[lever]], axis=1)
+        ways.append(problem.linearise(theta, fit.found.starts, slopes=False).r[0])
+    return np.asarray((ways[0] - ways[1]) / (2 * LEVER_DIFFERENCE_M))
 
 
 def _step_by(fit: AxisFit, more: Array) -> tuple[Array, Array, Array]:

@@ -195,24 +195,36 @@ def _add_useful_drives(
 
 
 def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, list[str]]:
-    """The fit with the optional parameters that reduce the prediction error, and notes on them."""
+    """The fit with the optional parameters that reduce the prediction error, and notes on them.
+
+    A parameter that is zero by its interval is left out again: halves of a log may show what all of
+    it does not, and at a single frequency a camber leaves the gain open.
+    """
     own = chosen = fit.problem.names
-    longest, notes = selection.window_s, list[str]()
+    longest, notes = selection.window_s, dict[str, str]()
     candidates = [name for name in selection.optional_parameters if name not in own]
     share = 1.0
     if not fit.problem.drift:
         share, least = selection.accepted_error_share, selection.min_term_stds
         candidates = [each for each in candidates if find_significance(fit, each) > least]
     if not candidates:
-        return fit, notes
+        return fit, []
     middle = _take_middle(fit, selection)
     best = cross_validate(middle, chosen, longest)
     for name in candidates:
         error = cross_validate(middle, (*chosen, name), longest)
         if error < share * best:
-            notes.append(_describe_gained(name, error, best))
+            notes[name] = _describe_gained(name, error, best)
             chosen, best = (*chosen, name), error
-    return fit.refit(fit.log, chosen, longest) if chosen != own else fit, notes
+    found = fit.refit(fit.log, chosen, longest) if notes else fit
+    if notes and not fit.problem.drift:
+        every = found.estimate()
+        zero = dict(zip(chosen, np.abs(every.value) < every.half_width, strict=True))
+        left = tuple(name for name in chosen if name in own or not zero[name])
+        if left != chosen:
+            found = fit.refit(fit.log, left, longest) if left != own else fit
+            notes = {name: note for name, note in notes.items() if name in left}
+    return found, list(notes.values())
 
 
 def _take_middle(fit: AxisFit, selection: AxisSelection) -> AxisFit:
