@@ -2,24 +2,26 @@
 
 Known are clocks and levels that terminals and loggers put before each line, cells with their names
 (``x:12.5``), lines in brackets, tables drawn with bars, names after a comment mark, units in a line
-of their own, the heads of LabVIEW, and one value a line with its name, as for Teleplot.
+of their own, the heads of LabVIEW and TwinCAT Scope, InfluxDB's line protocol, and one value a line
+with its name, as for Teleplot.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
+from itertools import islice
 
-COMMENT_MARKS = ("#", "%", "//")
+COMMENT_MARKS = ("#", "%", "//", "; ")
 _CLOCK = r"(?P<clock>(?:\d{4}-\d\d-\d\d[ T])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?)"
 _LEVEL = r"(?:DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)"
 PREFIXES = tuple(
     re.compile(rf"\s*{prefix}(?P<rest>.*)")
     for prefix in (
-        rf"{_CLOCK}\s*->\s?",  # Arduino
-        rf"\[{_CLOCK}\]:?\s*",  # Tera Term
+        rf"{_CLOCK}\s*-?>\s?",  # Arduino, PlatformIO
+        rf"\[(?:\d+ )?{_CLOCK}\]:?\s*",  # Tera Term, also with the days since its start
         rf"{_CLOCK}(?: -)?(?: [\w.]+ -)? \[?{_LEVEL}\]?:?(?: -)? (?:[\w.]+: )?",  # Python
         rf"{_CLOCK} +(?=[^\s;,|].*[;,\t])",  # CoolTerm
         rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LEVEL}\]?:?(?: -)? "
@@ -37,6 +39,16 @@ LABVIEW_END = "***End_of_Header***"
 """Line with which a head of LabVIEW ends."""
 LABVIEW_TIME = "X_Value"
 """Name of a column of times of LabVIEW."""
+TWINCAT_STEP = "SampleTime[ms]"
+"""Beginning of a line in the head of an export of TwinCAT Scope."""
+INFLUX_LINE = re.compile(
+    r"(?P<series>[A-Za-z_][^\s,=]*(?:,[^\s,=]+=[^\s,=]+)*) "
+    r"(?P<fields>[^\s,=]+=(?:\"[^\"]*\"|[^\s,=]+)(?:,[^\s,=]+=(?:\"[^\"]*\"|[^\s,=]+))*)"
+    r"(?: (?P<time>\d{10,19}))?"
+)
+"""A row of InfluxDB's line protocol."""
+TIME_UNITS_BY_DIGITS = {10: "s", 13: "ms", 16: "us", 19: "ns"}
+"""Digits of a time since 1970 and its unit."""
 ONE_VALUE = re.compile(
     r"\s*>([^:;|]+):(?:(\d+(?:\.\d+)?):)?([-+]?[\d.]+(?:[eE][-+]?\d+)?)(?:§([^|]*))?(?:\|.*)?"
 )
@@ -50,8 +62,8 @@ BARRED = re.compile(r"\s*\|.*\|\s*")
 RULE = re.compile(r"[-+|:=\s]*-[-+|:=\s]*")
 """A line drawn in such a table."""
 LABELLED = re.compile(
-    r"[\s,;|]*[\"']?([A-Za-z_µ°][\w ./µ°\[\]()-]*?)[\"']?\s*[:=]\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
-    r"\s*(?=$|[\s,;|])"
+    r"[\s,;|]*[\"']?([A-Za-z_µ°][\w ./µ°\[\]()-]*?)[\"']?\s*[:=]\s*"
+    r"(0x[\dA-Fa-f]+|[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(?=$|[\s,;|])"
 )
 """A cell with its name before it."""
 TERMINAL_CODE = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
@@ -75,8 +87,12 @@ def plain_lines(text: str) -> list[str]:
     lines = list(filter(str.strip, TERMINAL_CODE.sub("", text.replace("−", "-")).splitlines()))
     if any(line.startswith(LABVIEW_END) for line in lines):
         return list(_read_labview(lines))
+    if any(line.startswith(TWINCAT_STEP) for line in lines[:LOOKED_AT_LINES]):
+        return list(_read_twincat(lines))
     if _most_are(lines, lambda line: ONE_VALUE.fullmatch(line) is not None):
         return _join_values(lines)
+    if _most_are(lines, lambda line: INFLUX_LINE.fullmatch(line) is not None):
+        return _read_influx(lines)
     for prefix in PREFIXES:
         if _most_are(lines, lambda line: prefix.fullmatch(line) is not None):  # noqa: B023
             lines = [_with_clock(line, prefix) for line in lines]
@@ -186,6 +202,78 @@ def _name_channels(header: list[str], units: list[str]) -> Iterator[str]:
             channels += 1
 
 
+def _read_twincat(lines: list[str]) -> Iterator[str]:
+    """The rows of an export of TwinCAT Scope behind one line of names with their units.
+
+    Each column called ``Name`` has the times in ms of the channels behind it, up to the next one.
+
+    Args:
+        lines: All of the file.
+    """
+    between = next(sign for sign in "\t;," if any(f"{TWINCAT_STEP}{sign}" in e for e in lines))
+    cells = [[cell.strip() for cell in line.split(between)] for line in lines]
+    step = next(k for k, row in enumerate(cells) if row[0] == TWINCAT_STEP)
+    head = next(row for row in reversed(cells[:step]) if row[0] == "Name")
+    units = next((row for row in cells[step:] if row[0] == "Unit"), [])
+    channels, names = list[tuple[int, int]](), list[str]()
+    for k, name in enumerate(head):
+        if name == "Name":
+            clock = k
+        elif name:
+            channels.append((clock, k))
+            unit = units[k].partition(" ")[0] if k < len(units) else ""
+            names.append(f"{name} [{unit}]" if unit and not unit.startswith("(") else name)
+    rows: dict[float, list[str]] = {}
+    for row in cells[step:]:
+        for place, (clock, k) in enumerate(channels):
+            if k < len(row) and re.fullmatch(r"-?[\d.,]+", row[clock]):
+                at = float(row[clock].replace(",", "."))
+                rows.setdefault(at, [""] * len(names))[place] = row[k]
+    yield ";".join(["time [ms]", *names])
+    for at in sorted(rows):
+        yield ";".join([f"{at:.9g}", *rows[at]])
+
+
+def _read_influx(lines: list[str]) -> list[str]:
+    """Rows of InfluxDB's line protocol, a row for each time.
+
+    A field is called by its name, where there are several series by ``SERIES.NAME``.
+
+    Args:
+        lines: All of the file.
+    """
+    found = [each for each in map(INFLUX_LINE.fullmatch, lines) if each]
+    several = len({each["series"] for each in found}) > 1
+    rows: dict[str, dict[str, str]] = {}
+    for k, each in enumerate(found):
+        row = rows.setdefault(each["time"] or f"row {k}", {})
+        for field in re.findall(r"[^\s,=]+=(?:\"[^\"]*\"|[^\s,=]+)", each["fields"]):
+            name, _, value = field.partition("=")
+            series = each["series"].replace(",", " ")
+            row[f"{series}.{name}" if several else name] = re.sub(r"(?<=\d)[iu]$", "", value)
+    times = [time for time in rows if time.isdigit()]
+    unit = TIME_UNITS_BY_DIGITS.get(max(map(len, times), default=19), "ns")
+    names = dict.fromkeys(name for row in rows.values() for name in row)
+    timed = [(time if time.isdigit() else "", row) for time, row in rows.items()]
+    return _write_rows(timed, {name: name for name in names}, unit)
+
+
+def _write_rows(
+    rows: list[tuple[str, dict[str, str]]], names: Mapping[str, str], unit: str
+) -> list[str]:
+    """Lines of rows behind one of their names.
+
+    Args:
+        rows: Time, empty where there is none, and cells by name.
+        names: Name to how it is written.
+        unit: Of the times.
+    """
+    timed = any(time for time, _ in rows)
+    header = [f"time [{unit}]"] * timed + list(names.values())
+    lines = [[time] * timed + [cells.get(name, "") for name in names] for time, cells in rows]
+    return [",".join(each) for each in (header, *lines)]
+
+
 def _join_values(lines: list[str]) -> list[str]:
     """Rows of the values of lines with one value each; a row ends where a name or time is new."""
     names: dict[str, str] = {}
@@ -198,15 +286,7 @@ def _join_values(lines: list[str]) -> list[str]:
         if not rows or name in rows[-1][1] or rows[-1][0] != (time or ""):
             rows.append((time or "", {}))
         rows[-1][1][name] = value
-    timed = ["time [ms]"] if any(time for time, _ in rows) else []
-    header = ",".join((*timed, *names.values()))
-    return [
-        header,
-        *(
-            ",".join(([time] if timed else []) + [cells.get(name, "") for name in names])
-            for time, cells in rows
-        ),
-    ]
+    return _write_rows(rows, names, "ms")
 
 
 def _labelled(line: str) -> list[tuple[str, str]] | None:
@@ -237,17 +317,19 @@ def _is_wrapped(line: str) -> bool:
 
 
 def _without_comments(lines: list[str]) -> list[str]:
-    """Lines without comments, but with the last one before the numbers if it names the cells."""
-    kept, names = list[str](), ""
+    """Lines without comments, but with the last one before the numbers that names the cells."""
+    kept, comments = list[str](), list[str]()
     for line in lines:
         bare = line.lstrip()
         if not bare.startswith(COMMENT_MARKS):
             kept.append(line)
         elif not kept:
-            names = bare.lstrip("#%/ \t")
-    if not names or not kept or re.match(r"\s*[-+]?[\d.,]", kept[0]) is None:
+            comments.append(bare.lstrip("#%/ \t"))
+    if not kept or re.match(r"\s*[-+]?[\d.,]", kept[0]) is None:
         return kept
-    return [names, *kept] if _has_as_many_cells(names, kept[len(kept) // 2]) else kept
+    some = kept[len(kept) // 2]
+    named = (each for each in reversed(comments) if each and _has_as_many_cells(each, some))
+    return [*islice(named, 1), *kept]
 
 
 def _has_as_many_cells(names: str, line: str) -> bool:
