@@ -2,20 +2,19 @@
 
 Known are clocks and levels that terminals and loggers put before each line, cells with their names
 (``x:12.5``), lines in brackets, tables drawn with bars, names after a comment mark, units in a line
-of their own, the heads of LabVIEW and TwinCAT Scope, InfluxDB's line protocol, and one value a line
-with its name, as for Teleplot.
+of their own, and the forms of single programs of ``program_texts``.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from itertools import islice
 
-COMMENT_MARKS = ("#", "%", "//", "; ")
-_CLOCK = r"(?P<clock>(?:\d{4}-\d\d-\d\d[ T])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?)"
+from twin.identify.program_texts import COMMENT_MARKS, most_are, rows_of_program
+
+_CLOCK = r"(?P<clock>(?:\d{4}-\d\d-\d\d[ T])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?)(?:Z|[-+]\d\d:?\d\d)?"
 _LEVEL = r"(?:DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)"
 PREFIXES = tuple(
     re.compile(rf"\s*{prefix}(?P<rest>.*)")
@@ -24,6 +23,8 @@ PREFIXES = tuple(
         rf"\[(?:\d+ )?{_CLOCK}\]:?\s*",  # Tera Term, also with the days since its start
         rf"{_CLOCK}(?: -)?(?: [\w.]+ -)? \[?{_LEVEL}\]?:?(?: -)? (?:[\w.]+: )?",  # Python
         rf"{_CLOCK} +(?=[^\s;,|].*[;,\t])",  # CoolTerm
+        rf"{_CLOCK} +(?=[A-Za-z_][\w.]*\s*[:=]\s*[-+.\d\[(])",  # Docker, before cells with names
+        r"\[(?P<clock>\d\d:\d\d:\d\d\.\d{3},\d{3})\] <[a-z]+> [\w.]+: ",  # Zephyr
         rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LEVEL}\]?:?(?: -)? "
         r"(?:[\w.]+:? )?",
         r"[A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d \S+ [^\s:]+: ",  # syslog, whose times are whole s
@@ -35,24 +36,6 @@ PREFIXES = tuple(
 """What stands before the cells of a line: a clock, a level, a name."""
 RECEIVED_NAME = "received"
 """Name of the column of that clock."""
-LABVIEW_END = "***End_of_Header***"
-"""Line with which a head of LabVIEW ends."""
-LABVIEW_TIME = "X_Value"
-"""Name of a column of times of LabVIEW."""
-TWINCAT_STEP = "SampleTime[ms]"
-"""Beginning of a line in the head of an export of TwinCAT Scope."""
-INFLUX_LINE = re.compile(
-    r"(?P<series>[A-Za-z_][^\s,=]*(?:,[^\s,=]+=[^\s,=]+)*) "
-    r"(?P<fields>[^\s,=]+=(?:\"[^\"]*\"|[^\s,=]+)(?:,[^\s,=]+=(?:\"[^\"]*\"|[^\s,=]+))*)"
-    r"(?: (?P<time>\d{10,19}))?"
-)
-"""A row of InfluxDB's line protocol."""
-TIME_UNITS_BY_DIGITS = {10: "s", 13: "ms", 16: "us", 19: "ns"}
-"""Digits of a time since 1970 and its unit."""
-ONE_VALUE = re.compile(
-    r"\s*>([^:;|]+):(?:(\d+(?:\.\d+)?):)?([-+]?[\d.]+(?:[eE][-+]?\d+)?)(?:§([^|]*))?(?:\|.*)?"
-)
-"""A value with its name and its time in ms, as Teleplot takes it."""
 SEPARATE_UNIT = re.compile(
     r"(?<=\w)\s+(?=(?:\[[^\W\d]\S*\]|\([^\W\d]\S*\)|[\[(][°%][\])])(?:\s|$))"
 )
@@ -63,19 +46,15 @@ RULE = re.compile(r"[-+|:=\s]*-[-+|:=\s]*")
 """A line drawn in such a table."""
 LABELLED = re.compile(
     r"[\s,;|]*[\"']?([A-Za-z_µ°][\w ./µ°\[\]()-]*?)[\"']?\s*[:=]\s*"
-    r"(0x[\dA-Fa-f]+|[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(?=$|[\s,;|])"
+    r"(0x[\dA-Fa-f]+|[-+]?[\d.]+(?:[eE][-+]?\d+)?|[\[(][-+\d.eE,;\s]+[\])])\s*(?=$|[\s,;|])"
 )
-"""A cell with its name before it."""
+"""A cell with its name before it, or several in brackets."""
 TERMINAL_CODE = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 """What colours or moves the text of a terminal."""
 SENTENCE = re.compile(r"\s*\$([^*]*)\*[0-9A-Fa-f]{2}\s*")
 """A line with a check sum, as of NMEA 0183."""
 WRAPPED = re.compile(r"\s*(?:b['\"])?[\[({<]?(.*?)[\])}>]?;?(?:(?:\\r)?(?:\\n)?['\"])?\s*")
 """A line as Python prints a list, a tuple or bytes."""
-MOST_LINES_SHARE = 0.8
-"""Share of the lines above which they are all taken to be of a form."""
-LOOKED_AT_LINES = 50
-"""Number of lines in the middle of a text by which its form is recognised."""
 
 
 def plain_lines(text: str) -> list[str]:
@@ -85,34 +64,21 @@ def plain_lines(text: str) -> list[str]:
         text: All of it.
     """
     lines = list(filter(str.strip, TERMINAL_CODE.sub("", text.replace("−", "-")).splitlines()))
-    if any(line.startswith(LABVIEW_END) for line in lines):
-        return list(_read_labview(lines))
-    if any(line.startswith(TWINCAT_STEP) for line in lines[:LOOKED_AT_LINES]):
-        return list(_read_twincat(lines))
-    if _most_are(lines, lambda line: ONE_VALUE.fullmatch(line) is not None):
-        return _join_values(lines)
-    if _most_are(lines, lambda line: INFLUX_LINE.fullmatch(line) is not None):
-        return _read_influx(lines)
+    if (rows := rows_of_program(lines)) is not None:
+        return rows
     for prefix in PREFIXES:
-        if _most_are(lines, lambda line: prefix.fullmatch(line) is not None):  # noqa: B023
+        if most_are(lines, lambda line: prefix.fullmatch(line) is not None):  # noqa: B023
             lines = [_with_clock(line, prefix) for line in lines]
             break
-    if _most_are(lines, lambda line: BARRED.fullmatch(line) is not None):
+    if most_are(lines, lambda line: BARRED.fullmatch(line) is not None):
         lines = [line.strip().strip("|") for line in lines if not RULE.fullmatch(line)]
-    if _most_are(lines, lambda line: SENTENCE.fullmatch(line) is not None):
+    if most_are(lines, lambda line: SENTENCE.fullmatch(line) is not None):
         lines = [found[1] if (found := SENTENCE.fullmatch(line)) else line for line in lines]
-    if _most_are(lines, lambda line: _labelled(line) is not None):
+    if most_are(lines, lambda line: _labelled(line) is not None):
         return _without_names(lines)
-    if _most_are(lines, _is_wrapped):
+    if most_are(lines, _is_wrapped):
         lines = [found[1] if (found := WRAPPED.fullmatch(line)) else line for line in lines]
     return _without_comments(lines)
-
-
-def _most_are(lines: list[str], is_one: Callable[[str], bool]) -> bool:
-    """Whether most lines in the middle of a text are of a form."""
-    some = [line for line in lines if not line.lstrip().startswith(COMMENT_MARKS)]
-    some = some[len(some) // 2 :][:LOOKED_AT_LINES]
-    return bool(some) and sum(map(is_one, some)) > MOST_LINES_SHARE * len(some)
 
 
 def _with_clock(line: str, prefix: re.Pattern[str]) -> str:
@@ -126,7 +92,8 @@ def _with_clock(line: str, prefix: re.Pattern[str]) -> str:
         clock = f"{1e-3 * float(millis):.3f}"
     if clock is None:
         return rest
-    # the clock has a comma or a colon before its milliseconds in some versions
+    # a comma or a colon before the milliseconds in some versions, in Zephyr one behind them
+    clock = re.sub(r"(?<=\.\d{3}),", "", clock)
     clock = re.sub(r"(?<=:\d\d)[:,](?=\d+$)", ".", clock)
     between = next((sign for sign in ";\t," if sign in rest), " ")
     if " " in clock and between == " ":
@@ -154,146 +121,17 @@ def _seconds(clock: str) -> str:
     return f"{3600 * hours + 60 * minutes + seconds:.6f}"
 
 
-def _read_labview(lines: list[str]) -> Iterator[str]:
-    """The rows of all segments of a LabVIEW measurement file behind one line of names.
-
-    The names have their units. Times that the file states by their step alone are written out.
-
-    Args:
-        lines: All of the file.
-    """
-    between = "," if any(line.startswith("Separator,") for line in lines) else "\t"
-    facts = dict[str, list[str]]()
-    in_head, names, row = True, list[str](), 0
-    for line in lines:
-        first, *cells = (cell.strip() for cell in line.split(between))
-        if first.startswith(LABVIEW_END):
-            in_head = False
-        elif first == "Channels" or in_head:
-            in_head = True
-            facts[first] = cells
-        elif first == LABVIEW_TIME:
-            if not names:
-                names = list(_name_channels([first, *cells], facts.get("Y_Unit_Label", [])))
-                yield between.join(names)
-        elif not first and facts.get("X_Columns", [""])[0] == "No":
-            begin, step = (float(facts[key][0].replace(",", ".")) for key in ("X0", "Delta_X"))
-            yield between.join([f"{begin + row * step:.9g}", *cells[: len(names) - 1]])
-            row += 1
-        else:
-            yield between.join([first, *cells][: len(names)])
-
-
-def _name_channels(header: list[str], units: list[str]) -> Iterator[str]:
-    """Names of the columns of LabVIEW with their units, the comment left out.
-
-    Args:
-        header: The names; of several columns of times each but the first is numbered.
-        units: Of the channels.
-    """
-    times = channels = 0
-    for name in header:
-        if name == LABVIEW_TIME:
-            times += 1
-            yield name if times == 1 else f"time {times}"
-        elif name and name != "Comment":
-            unit = units[channels] if channels < len(units) else ""
-            yield f"{name} [{unit}]" if unit else name
-            channels += 1
-
-
-def _read_twincat(lines: list[str]) -> Iterator[str]:
-    """The rows of an export of TwinCAT Scope behind one line of names with their units.
-
-    Each column called ``Name`` has the times in ms of the channels behind it, up to the next one.
-
-    Args:
-        lines: All of the file.
-    """
-    between = next(sign for sign in "\t;," if any(f"{TWINCAT_STEP}{sign}" in e for e in lines))
-    cells = [[cell.strip() for cell in line.split(between)] for line in lines]
-    step = next(k for k, row in enumerate(cells) if row[0] == TWINCAT_STEP)
-    head = next(row for row in reversed(cells[:step]) if row[0] == "Name")
-    units = next((row for row in cells[step:] if row[0] == "Unit"), [])
-    channels, names = list[tuple[int, int]](), list[str]()
-    for k, name in enumerate(head):
-        if name == "Name":
-            clock = k
-        elif name:
-            channels.append((clock, k))
-            unit = units[k].partition(" ")[0] if k < len(units) else ""
-            names.append(f"{name} [{unit}]" if unit and not unit.startswith("(") else name)
-    rows: dict[float, list[str]] = {}
-    for row in cells[step:]:
-        for place, (clock, k) in enumerate(channels):
-            if k < len(row) and re.fullmatch(r"-?[\d.,]+", row[clock]):
-                at = float(row[clock].replace(",", "."))
-                rows.setdefault(at, [""] * len(names))[place] = row[k]
-    yield ";".join(["time [ms]", *names])
-    for at in sorted(rows):
-        yield ";".join([f"{at:.9g}", *rows[at]])
-
-
-def _read_influx(lines: list[str]) -> list[str]:
-    """Rows of InfluxDB's line protocol, a row for each time.
-
-    A field is called by its name, where there are several series by ``SERIES.NAME``.
-
-    Args:
-        lines: All of the file.
-    """
-    found = [each for each in map(INFLUX_LINE.fullmatch, lines) if each]
-    several = len({each["series"] for each in found}) > 1
-    rows: dict[str, dict[str, str]] = {}
-    for k, each in enumerate(found):
-        row = rows.setdefault(each["time"] or f"row {k}", {})
-        for field in re.findall(r"[^\s,=]+=(?:\"[^\"]*\"|[^\s,=]+)", each["fields"]):
-            name, _, value = field.partition("=")
-            series = each["series"].replace(",", " ")
-            row[f"{series}.{name}" if several else name] = re.sub(r"(?<=\d)[iu]$", "", value)
-    times = [time for time in rows if time.isdigit()]
-    unit = TIME_UNITS_BY_DIGITS.get(max(map(len, times), default=19), "ns")
-    names = dict.fromkeys(name for row in rows.values() for name in row)
-    timed = [(time if time.isdigit() else "", row) for time, row in rows.items()]
-    return _write_rows(timed, {name: name for name in names}, unit)
-
-
-def _write_rows(
-    rows: list[tuple[str, dict[str, str]]], names: Mapping[str, str], unit: str
-) -> list[str]:
-    """Lines of rows behind one of their names.
-
-    Args:
-        rows: Time, empty where there is none, and cells by name.
-        names: Name to how it is written.
-        unit: Of the times.
-    """
-    timed = any(time for time, _ in rows)
-    header = [f"time [{unit}]"] * timed + list(names.values())
-    lines = [[time] * timed + [cells.get(name, "") for name in names] for time, cells in rows]
-    return [",".join(each) for each in (header, *lines)]
-
-
-def _join_values(lines: list[str]) -> list[str]:
-    """Rows of the values of lines with one value each; a row ends where a name or time is new."""
-    names: dict[str, str] = {}
-    rows = list[tuple[str, dict[str, str]]]()
-    for line in lines:
-        if (found := ONE_VALUE.fullmatch(line)) is None:
-            continue
-        name, time, value, unit = found.groups()
-        names.setdefault(name, name.replace(",", " ") + (f" [{unit}]" if unit else ""))
-        if not rows or name in rows[-1][1] or rows[-1][0] != (time or ""):
-            rows.append((time or "", {}))
-        rows[-1][1][name] = value
-    return _write_rows(rows, names, "ms")
-
-
 def _labelled(line: str) -> list[tuple[str, str]] | None:
     """Names and numbers of a line that has nothing else; None of any other line."""
     found, at = [], 0
     while (cell := LABELLED.match(line, at)) is not None:
-        found.append((cell[1].strip(), cell[2]))
+        name, value = cell[1].strip(), cell[2]
+        if value[0] in "[(":
+            found += [
+                (f"{name}.{k}", e) for k, e in enumerate(re.findall(r"[^\s,;()\[\]]+", value))
+            ]
+        else:
+            found.append((name, value))
         at = cell.end()
     return found if found and not line[at:].strip(" ,;|\t\r") else None
 

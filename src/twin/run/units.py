@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 UNIT_SCALES = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -32,6 +33,10 @@ _UNITS_BY_WORD = {word: unit for unit, words in UNIT_WORDS.items() for word in w
 _UNIT_SIGNS = str.maketrans({"µ": "u", "μ": "u", "²": "^2"})
 
 
+INDEXED = re.compile(r".*\w[\[(]\d+[\])]")
+"""A name with a number in brackets."""
+
+
 def plain_unit(unit: str) -> str:
     """A unit as ``UNIT_SCALES`` has it, where it is known by another word or sign."""
     plain = unit.strip().translate(_UNIT_SIGNS)
@@ -47,8 +52,13 @@ def is_unit(word: str) -> bool:
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
-    """Name and unit of a header such as ``measured_x [mm]`` or ``X (mm)``; None without a unit."""
+    """Name and unit of a header such as ``measured_x [mm]`` or ``X (mm)``; None without a unit.
+
+    A number in brackets next to the name, as ``servo[0]``, belongs to it.
+    """
     text = header.strip()
+    if INDEXED.fullmatch(text):
+        return text, None
     if text.endswith(("]", ")")):
         since = max(text.rfind(bracket, 0, -1) for bracket in "])") + 1
         begins = [at for bracket in "[(" if (at := text.find(bracket, since)) >= 0]
