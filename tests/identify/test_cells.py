@@ -126,9 +126,13 @@ def test_a_command_in_radians_by_their_name_is_an_angle_and_one_in_volts_asks_fo
     file = tmp_path / "a.csv"
     rows = [f"{t:.2f} sec,{x:.3f},{1e-4 * u:.6f}" for t, x, u in zip(T, X, U, strict=True)]
     file.write_text("\n".join(["t,x [mm],u [radians]", *rows]))
-    axis = read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u")).axes["x"]
-    assert axis.sampled == pytest.approx(T)
-    assert axis.tilt == pytest.approx(1e-4 * U, abs=1e-6)
+    log = read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u"))
+    assert log.axes["x"].sampled == pytest.approx(T)
+    assert log.axes["x"].tilt == pytest.approx(1e-4 * U, abs=1e-6)
+    assert log.unit["x"] == "rad"
+    by_count = read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u:2counts"))
+    assert by_count.unit["x"] == "count"
+    assert by_count.axes["x"].tilt == pytest.approx(2e-4 * U, abs=2e-6)
     file.write_text(file.read_text().replace("radians", "V"))
     with pytest.raises(LogError, match="command_phi: unit 'V' of u; give it"):
         read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u"))

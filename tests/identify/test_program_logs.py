@@ -311,6 +311,7 @@ def test_a_text_of_a_program_is_read_with_the_columns_that_are_proposed(tmp_path
         ","
     )
     log = read_any(file, wanted_columns(columns.replace("RATE", "50")))
+    assert not [note for note in log.notes if "without a number" in note]
     tilts = {"putty": PULSES, "labview": DEG, "blackbox": PULSES, "octave structure": PULSES}
     step = 2 if program == "twincat" else 1
     assert_is_the_motion(log, tilt=tilts.get(program, U), tilt_step=step)
@@ -334,9 +335,37 @@ def test_seconds_without_a_header_take_the_nanoseconds_next_to_them(tmp_path):
     log = read_any(file, wanted_columns("time=1:s,measured_x=4:m,command_phi=5:rad"))
     assert "1: with the nanoseconds of 2" in log.notes
     assert log.axes["x"].sampled == pytest.approx(T + 4e-3 * (np.arange(len(T)) % 2), abs=2e-6)
-    # whole numbers that count anything else stay apart
-    file.write_text("\n".join(f"{k},{k % 7},{x},{u}" for k, (_, x, u) in enumerate(ROWS)))
-    assert not [note for note in survey(file).notes if "nanoseconds" in note]
+    # whole numbers that are anything else stay apart
+    counts = np.arange(len(T)) % 50
+    others = counts, 20_000 * counts, np.random.default_rng(1).integers(0, 10**9, len(T))
+    for whole in others:
+        rows = zip(STAMPS, whole, X, U, strict=True)
+        file.write_text("\n".join(f"{s},{each},{x},{u}" for (s, _), each, x, u in rows))
+        assert not [note for note in survey(file).notes if "nanoseconds" in note]
+
+
+def test_rows_with_lines_between_are_no_messages(tmp_path):
+    file = tmp_path / "a.txt"
+    rows = [f"{t},{x},{u}" for t, x, u in ROWS]
+    for k in range(380, 0, -20):
+        rows.insert(k, "---")
+    file.write_text("\n".join(["t,x,u", *rows]))
+    told = wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg")
+    assert_is_the_motion(read_any(file, told))
+
+
+def test_a_matrix_of_octave_is_read_column_by_column_behind_its_size(tmp_path):
+    file = tmp_path / "a.txt"
+    numbers = np.stack((20 * np.arange(400), np.round(1e3 * MM), PULSES), 1)
+    lines = ["# Created by Octave 9.2.0", "# name: m", "# type: int32 matrix", "# ndims: 2"]
+    lines += [" 400 3", *(f"  {value:.0f}" for value in numbers.T.ravel())]
+    file.write_text("\n".join(lines))
+    log = read_any(
+        file, wanted_columns("time=m(:,1):ms,measured_x=m(:,2):um,command_phi=m(:,3):counts")
+    )
+    assert log.axes["x"].sampled == pytest.approx(T)
+    assert log.axes["x"].ball == pytest.approx(X, abs=1e-6)
+    assert log.axes["x"].tilt == pytest.approx(PULSES)
 
 
 def test_blocks_of_gnuplot_are_parts_of_their_own(tmp_path):

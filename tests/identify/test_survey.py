@@ -1,6 +1,7 @@
 """`twin.identify.survey`: What a log holds, and a command line that works."""
 
 import json
+import re
 import shlex
 
 import numpy as np
@@ -187,6 +188,31 @@ NAMES = {
     "t,imu/orientation/x,odom/linear/x,touch/x,servo/x": "touch/x - servo/x -",
     "t,motor_current,ball_x,motor_voltage": "ball_x - motor_voltage -",
     "t,current_x,target_x,cmd": "current_x - cmd -",
+    # freshly written ones that once were not understood
+    "Zeit,Ballposition X [mm],Ballposition Y [mm],Sollwinkel Roll [°],Sollwinkel Nick [°]": (
+        "Ballposition X|Ballposition Y|Sollwinkel Roll|Sollwinkel Nick"
+    ),
+    "t,Kugelort [mm],Führungsgröße w [mm],Regelgröße [mm],Stellgröße u [V]": (
+        "Kugelort|-|Stellgröße u|-"
+    ),
+    "Zeit,Istposition [mm],Sollposition [mm],Motorspannung [V]": "Istposition|-|Motorspannung|-",
+    "Zeit,Kugel_x_mm,Kugel_y_mm,Vorgabe_x_grad,Vorgabe_y_grad": (
+        "Kugel_x_mm Kugel_y_mm Vorgabe_x_grad Vorgabe_y_grad"
+    ),
+    "Temps (s),Position bille x (cm),Angle plateau x (deg),Consigne angle x (deg)": (
+        "Position bille x|-|Consigne angle x|-"
+    ),
+    "Zeit / s,Kugelposition / mm,Sollposition / mm,Stellwinkel / °": (
+        "Kugelposition|-|Stellwinkel|-"
+    ),
+    "t/s,x/mm,u/V": "x|-|u|-",
+    "t,Top X [mm],Top Y [mm],Referans X [mm],Motor X Açı [°],Motor Y Açı [°]": (  # noqa: RUF001
+        "Top X|Top Y|Motor X Açı|Motor Y Açı"  # noqa: RUF001
+    ),
+    "t,Setpoint x [mm],Speed x [mm],Plate x [mm],cmd": "-|-|cmd|-",
+    "t,Abstand [V],Sollwert [V]": "Abstand|-|-|-",
+    "t,odom/linear/x,servo/x": "- - servo/x -",
+    "t,a/x,a/y,b/servo_x,b/servo_y": "a/x a/y b/servo_x b/servo_y",
 }
 
 
@@ -201,7 +227,13 @@ def test_roles_follow_the_words_of_the_names(tmp_path, header):
     roles = "measured_x", "measured_y", "command_phi", "command_theta"
     between = "|" if "|" in NAMES[header] else " "
     assert between.join(found.get(role, "-") for role in roles) == NAMES[header]
-    assert found["time"] == names[0].partition(" [")[0]
+    assert found["time"] == re.split(r" ?[\[(/]", names[0])[0]
+
+
+def test_the_current_of_a_motor_is_no_angle_and_what_rises_evenly_no_position(tmp_path):
+    file = write(tmp_path / "a.csv", "t,motor_current,x,position,servo", T, U, 5 * T, X, 2 * U)
+    roles = {guess.role: guess.column for guess in survey(file).guesses}
+    assert roles == {"time": "t", "measured_x": "position", "command_phi": "servo"}
 
 
 def test_a_position_in_degrees_is_a_measured_angle(tmp_path):

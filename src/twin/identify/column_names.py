@@ -37,12 +37,17 @@ FILLER = "de"
 """The derivative of an error, but among other words that of some languages for ``of``."""
 DRIVE_UNITS = frozenset({"us", "V", "mV", "counts", "count", "steps", "pwm"})
 """Units of commands other than angles."""
+UNKNOWN_WEIGHT = 0.9
+"""Weight of a position by its unit and axis alone."""
 BALL_WEIGHT = 3.0
 """Weight of a name that says that it is of the ball."""
 
 _KNOWN = frozenset().union(*_WORDS.values(), *WEAK_NAMES)
-_JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed", "plate"
-_JOINED_WITHOUT_SPACES = (*_JOINED_KINDS, "derived", "electric", "output", "neutral")
+_JOINED_KINDS = (
+    *("ball", "position", "drive", "angle", "measured", "reference", "processed", "plate"),
+    "electric",
+)
+_JOINED_WITHOUT_SPACES = (*_JOINED_KINDS, "derived", "output", "neutral")
 _PARTS = sorted(
     {word for kind in _JOINED_KINDS for word in _WORDS[kind] if len(word) > 2}
     | {
@@ -106,8 +111,8 @@ def suggest_kinds(names: Sequence[str], units: Sequence[str] = ()) -> list[Sugge
         unit for unit, each in zip(known, found, strict=True) if each and each.kind == "measured"
     }
     return [
-        _by_unit(each, unit, of_positions) if each else None
-        for each, unit in zip(found, known, strict=True)
+        _by_unit(each, unit, of_positions) if each else _by_length(name, unit)
+        for name, each, unit in zip(names, found, known, strict=True)
     ]
 
 
@@ -125,6 +130,15 @@ def _by_unit(each: Suggestion, unit: str, of_positions: set[str]) -> Suggestion 
     if each.kind == "measured" and unit in UNIT_SCALES["rad"] and each.weight < BALL_WEIGHT:
         return replace(each, kind="angle", weight=each.weight - 1.0)
     return each
+
+
+def _by_length(name: str, unit: str) -> Suggestion | None:
+    """A position along an axis in a unit of length, of a thing with an unknown name; else None."""
+    words = set(_split(name))
+    axis, others = words & {"x", "y"}, words - {"x", "y"}
+    if unit not in UNIT_SCALES["m"] or len(axis) != 1 or others & _KNOWN - _WORDS["neutral"]:
+        return None
+    return Suggestion("measured", axis.pop(), UNKNOWN_WEIGHT, counts=False)
 
 
 def _suggest_each(names: Sequence[str]) -> list[Suggestion | None]:
@@ -222,7 +236,7 @@ def _kind(words: set[str], axis: str) -> tuple[str, float]:
         found = "angle", 2.0
     elif (drive or angle) and not words & _WORDS["time"]:
         clear = words & {"cmd", "command", "u"}
-        found = "command", 1.5 + 0.5 * bool(drive) + bool(clear)
+        found = "command", 1.5 + 0.5 * bool(drive) + bool(clear) + 0.4 * bool(wish)
     elif frozenset(words) in WEAK_NAMES:
         found = WEAK_NAMES[frozenset(words)]
     elif wish:

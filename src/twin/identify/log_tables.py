@@ -54,6 +54,8 @@ VALUE_COLUMNS = frozenset({"value", "val", "wert", "data", "reading"})
 """Names of the column with its value."""
 MIN_UNIX_TIME_S, MAX_UNIX_TIME_S = 1e9, 4e9
 """From and to which time since 1970 in s a log is assumed to be, from 2001 to 2096."""
+MIN_NANOSECONDS = 1e8
+"""Least largest number of nanoseconds, which smaller whole numbers are not."""
 MAX_NAME_ROWS = 3
 """Rows above the numbers of which one may have the names, and one the units."""
 MAX_PIVOTED = 50
@@ -364,7 +366,7 @@ def _pair_numbers(columns: list[list[str]]) -> Iterator[tuple[int, int]]:
                 len(steps)
                 and min(seconds) >= MIN_UNIX_TIME_S
                 and max(seconds) < MAX_UNIX_TIME_S
-                and max(rest) < 1e9
+                and MIN_NANOSECONDS < max(rest) < 1e9
                 and (steps == 0).any()
                 and (going > 0).all()
             ):

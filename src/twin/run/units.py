@@ -35,6 +35,8 @@ _UNIT_SIGNS = str.maketrans({"µ": "u", "μ": "u", "²": "^2"})
 
 INDEXED = re.compile(r".*\w[\[(]\d+[\])]")
 """A name with a number in brackets."""
+DIVIDED = re.compile(r"([^/]+?)(?: / |(?<=^.)/|(?<=^..)/)([^\s/]+)")
+"""A name by its unit, as physics writes it; without blanks only a letter or two, no path."""
 
 
 def plain_unit(unit: str) -> str:
@@ -54,11 +56,14 @@ def is_unit(word: str) -> bool:
 def split_unit(header: str) -> tuple[str, str | None]:
     """Name and unit of a header such as ``measured_x [mm]`` or ``X (mm)``; None without a unit.
 
-    A number in brackets next to the name, as ``servo[0]``, belongs to it.
+    The unit may be behind a stroke, ``Position / mm`` or ``x/mm``. A number in brackets next to the
+    name, as ``servo[0]``, belongs to it.
     """
     text = header.strip()
     if INDEXED.fullmatch(text):
         return text, None
+    if (divided := DIVIDED.fullmatch(text)) and is_unit(divided[2]):
+        return divided[1], divided[2]
     if text.endswith(("]", ")")):
         since = max(text.rfind(bracket, 0, -1) for bracket in "])") + 1
         begins = [at for bracket in "[(" if (at := text.find(bracket, since)) >= 0]
