@@ -368,6 +368,14 @@ def test_of_two_columns_of_one_name_the_noisy_one_is_measured(tmp_path):
             assert f"measured_x={name}:m" in found.command
 
 
+def test_a_column_with_two_numbers_is_compared_with_none(tmp_path):
+    file = tmp_path / "a.csv"
+    rows = [f"{t:.2f},{x},{x if k in (3, 9) else ''},{u}"
+            for k, (t, x, u) in enumerate(zip(T, X, U, strict=True))]  # fmt: skip
+    file.write_text("\n".join(["t,data.x.1,data.x.2,servo", *rows]))
+    assert "measured_x=data.x.1:m" in survey(file).command
+
+
 def test_a_command_that_was_written_twice_is_not_that_of_the_other_axis(tmp_path):
     header = "t,pos_x,pos_y,angle_x,angle_y"
     file = write(tmp_path / "a.csv", header, T, X, X[::-1], U, U)

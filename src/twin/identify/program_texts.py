@@ -115,10 +115,12 @@ def _read_twincat(lines: list[str]) -> Iterator[str]:
     Args:
         lines: All of the file.
     """
-    between = next(sign for sign in "\t;," if any(f"{TWINCAT_STEP}{sign}" in e for e in lines))
+    between = next(
+        (sign for sign in ";," if any(f"{TWINCAT_STEP}{sign}" in e for e in lines)), "\t"
+    )
     cells = [[cell.strip() for cell in line.split(between)] for line in lines]
     step = next(k for k, row in enumerate(cells) if row[0] == TWINCAT_STEP)
-    head = next(row for row in reversed(cells[:step]) if row[0] == "Name")
+    head = next((row for row in reversed(cells[:step]) if row[0] == "Name"), ["Name"])
     units = next((row for row in cells[step:] if row[0] == "Unit"), [])
     channels, names = list[tuple[int, int]](), list[str]()
     for k, name in enumerate(head):
@@ -131,7 +133,7 @@ def _read_twincat(lines: list[str]) -> Iterator[str]:
     rows: dict[float, list[str]] = {}
     for row in cells[step:]:
         for place, (clock, k) in enumerate(channels):
-            if k < len(row) and re.fullmatch(r"-?[\d.,]+", row[clock]):
+            if k < len(row) and re.fullmatch(r"\d+([.,]\d+)?", row[clock]):
                 at = float(row[clock].replace(",", "."))
                 rows.setdefault(at, [""] * len(names))[place] = row[k]
     yield ";".join(["time [ms]", *names])

@@ -384,6 +384,8 @@ def _is_smooth(column: SurveyedColumn, other: SurveyedColumn) -> bool:
     shares = []
     for each in (column, other):
         known = each.values[np.isfinite(each.values)]
+        if len(known) < MIN_COUNTER_STEPS:
+            return False
         shares.append(float(find_noise(known)) / max(float(np.std(known)), 1e-300))
     return shares[0] < MAX_SMOOTH_RATIO * shares[1]
 
