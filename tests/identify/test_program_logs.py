@@ -204,6 +204,12 @@ def grafana():
     return ["sep=,", '"Time","ball x","servo"', *rows]
 
 
+def cassy():
+    names = "Sekunden / s", "Weg / mm", "Stellwinkel / °"
+    head = ["MIN=0", "MAX=10", "DEF=" + "\t".join(f'"{name}"' for name in names), "\t".join(names)]
+    return head + [f"{t:.3f}\t{x}\t{u}".replace(".", ",") for t, x, u in ROWS]
+
+
 TEXTS = {
     "platformio": (platformio, "time=received:s,measured_x=x_mm:mm,command_phi=servo_deg:deg"),
     "putty": (putty, "time=time_ms:ms,measured_x=pos_mm:mm,command_phi=servo_us:counts"),
@@ -273,6 +279,32 @@ TEXTS = {
         "time=Time (s) Run #1:s,measured_x=Position (mm) Run #1:mm,"
         "command_phi=Angle (deg) Run #1:deg",
     ),
+    "cassy lab": (cassy, "time=Sekunden,measured_x=Weg,command_phi=Stellwinkel"),
+    "units behind labelled cells": (
+        lambda: ["Init done", *(f"t: {1e3 * t:.0f} ms, x: {x} mm u: {u}°" for t, x, u in ROWS)],
+        "time=t,measured_x=x,command_phi=u",
+    ),
+    "labels that are units": (
+        lambda: [f"s: {t:.2f} x: {x / 1e3} m: 3 servo: {u}" for t, x, u in ROWS],
+        "time=s:s,measured_x=x:m,command_phi=servo:deg",
+    ),
+    "two rows of names": (
+        lambda: (
+            ["Time,Ball,Ball,Plate", "Time,Ball.x,Ball.v,Plate.cmd"]
+            + [f"{t},{x},0.1,{u}" for t, x, u in ROWS]
+        ),
+        "time=Time:s,measured_x=Ball.x:mm,command_phi=Plate.cmd:deg",
+    ),
+    "hexadecimal dump": (
+        lambda: (
+            ["t x servo_us"]
+            + [
+                f"{round(5e6 + 1e6 * t):08X} {round(1e3 * x) & 0xFFFFFFFF:08X} {int(pulse):04X}"
+                for t, (_, x, _), pulse in zip(T, ROWS, PULSES, strict=True)
+            ]
+        ),
+        "time=t:us,measured_x=x:mm,command_phi=servo_us:counts",
+    ),
     "blackbox": (
         blackbox,
         "time=time:us,measured_x=ball[0]:mm,command_phi=servo[0]:counts",
@@ -310,9 +342,13 @@ def test_a_text_of_a_program_is_read_with_the_columns_that_are_proposed(tmp_path
     assert [each for each in given if "theta" not in each and "_y" not in each] == columns.split(
         ","
     )
-    log = read_any(file, wanted_columns(columns.replace("RATE", "50")))
+    told = columns.replace("RATE", "50")
+    if program == "hexadecimal dump":
+        told = told.replace("x:mm", "x:um")
+    log = read_any(file, wanted_columns(told))
     assert not [note for note in log.notes if "without a number" in note]
-    tilts = {"putty": PULSES, "labview": DEG, "blackbox": PULSES, "octave structure": PULSES}
+    pulses = ("putty", "blackbox", "octave structure", "hexadecimal dump")
+    tilts = dict.fromkeys(pulses, PULSES) | {"labview": DEG}
     step = 2 if program == "twincat" else 1
     assert_is_the_motion(log, tilt=tilts.get(program, U), tilt_step=step)
 
@@ -503,6 +539,15 @@ def test_a_text_of_octave_that_is_damaged_is_one_line(tmp_path, change, says):
     with pytest.raises(LogError, match=says) as caught:
         read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u"))
     assert "\n" not in str(caught.value)
+
+
+def test_a_few_objects_of_one_form_are_no_rows(tmp_path):
+    """Gains next to the log are neither its rows nor columns of its own."""
+    file = tmp_path / "a.json"
+    gains = {axis: {"kp": 1.0, "ki": 0.1, "kd": 0.2} for axis in "xy"}
+    columns = {"t": T.tolist(), "x": MM.tolist(), "u": DEG.tolist()}
+    file.write_text(json.dumps({"gains": gains, **columns}))
+    assert [column.name for column in survey(file).columns] == ["t", "x", "u"]
 
 
 def test_objects_of_one_name_in_rows_of_json_stay_as_they_are(tmp_path):

@@ -170,8 +170,7 @@ def counts_rows(header: list[str], column: ColumnWanted) -> bool:
         header: The names of the columns; empty without any.
         column: The column of the time.
     """
-    known = {name for names in _name_columns(header) for name in names}
-    return column.name == ROW_NAME and ROW_NAME not in known
+    return column.name == ROW_NAME and ROW_NAME not in _known_names(header)
 
 
 def _with_unit(name: str, unit: str | None) -> str:
@@ -216,7 +215,7 @@ def _split_columns(
     counts = np.array([len(row) for row in rows], dtype=int)
     usual = int(np.bincount(counts).argmax()) if rows else 0
     named = len(header)
-    known = {name for names in _name_columns(header) for name in names}
+    known = _known_names(header)
     by_name = any(each.name.casefold() in known for each in wanted.values())
     more = any(any(row[named:]) for row in rows if len(row) == usual)
     if by_name and (more or (named > usual > 0 and split is split_at_blanks)):
@@ -428,13 +427,13 @@ def _find_header(
     rows: list[list[str]], wanted: Mapping[str, ColumnWanted]
 ) -> tuple[list[str], int]:
     """The names of the columns, empty without any, and the row at which numbers begin."""
-    for at, row in enumerate(rows[:50]):
-        known = {name for names in _name_columns(row) for name in names}
-        named = any(each.name.casefold() in known for each in wanted.values())
-        if named and not is_number(row[0]):
-            below = list(takewhile(_is_without_numbers, rows[at + 1 : at + 1 + MAX_NAME_ROWS]))
-            units = next((each for each in below if _are_units(each)), [])
-            return _join_units(row, units), at + 1 + len(below)
+    names = {column.name.casefold() for column in wanted.values()}
+    known = [0 if is_number(row[0]) else len(names & _known_names(row)) for row in rows[:50]]
+    if any(known):
+        at = known.index(max(known))
+        below = list(takewhile(_is_without_numbers, rows[at + 1 : at + 1 + MAX_NAME_ROWS]))
+        units = next((each for each in below if _are_units(each)), [])
+        return _join_units(rows[at], units), at + 1 + len(below)
     for at, row in enumerate(rows[:50]):
         if sum(is_number(cell) or is_time(cell) for cell in row) > sum(map(bool, row)) / 2:
             before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
@@ -477,6 +476,11 @@ def _are_units(row: list[str]) -> bool:
     return any(map(is_unit, words)) and all(
         (len(word) < 5 or is_unit(word)) and not is_number(word) for word in words
     )
+
+
+def _known_names(header: list[str]) -> set[str]:
+    """By which names columns may be wanted, in small letters."""
+    return set().union(*_name_columns(header))
 
 
 def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:

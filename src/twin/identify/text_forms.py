@@ -46,9 +46,10 @@ RULE = re.compile(r"[-+|:=\s]*-[-+|:=\s]*")
 """A line drawn in such a table."""
 LABELLED = re.compile(
     r"[\s,;|]*[\"']?([A-Za-z_µ°][\w ./µ°\[\]()-]*?)[\"']?\s*[:=]\s*"
-    r"(0x[\dA-Fa-f]+|[-+]?[\d.]+(?:[eE][-+]?\d+)?|[\[(][-+\d.eE,;\s]+[\])])\s*(?=$|[\s,;|])"
+    r"(0x[\dA-Fa-f]+|[-+]?[\d.]+(?:[eE][-+]?\d+)?|[\[(][-+\d.eE,;\s]+[\])])"
+    r"(?:\s*([mµu]?s|[mcµu]?m|m?rad|deg|°|px|m?V|%))?\s*(?=$|[\s,;|])"
 )
-"""A cell with its name before it, or several in brackets."""
+"""A cell with its name before it, and a unit behind some; or several in brackets."""
 TERMINAL_CODE = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 """What colours or moves the text of a terminal."""
 SENTENCE = re.compile(r"\s*\$([^*]*)\*[0-9A-Fa-f]{2}\s*")
@@ -125,13 +126,13 @@ def _labelled(line: str) -> list[tuple[str, str]] | None:
     """Names and numbers of a line that has nothing else; None of any other line."""
     found, at = [], 0
     while (cell := LABELLED.match(line, at)) is not None:
-        name, value = cell[1].strip(), cell[2]
+        name, value, unit = cell[1].strip(), cell[2], cell[3]
+        ending = f" [{unit}]" if unit else ""
         if value[0] in "[(":
-            found += [
-                (f"{name}.{k}", e) for k, e in enumerate(re.findall(r"[^\s,;()\[\]]+", value))
-            ]
+            each = re.findall(r"[^\s,;()\[\]]+", value)
+            found += [(f"{name}.{k}{ending}", number) for k, number in enumerate(each)]
         else:
-            found.append((name, value))
+            found.append((f"{name}{ending}", value))
         at = cell.end()
     return found if found and not line[at:].strip(" ,;|\t\r") else None
 
