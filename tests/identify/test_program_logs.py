@@ -422,6 +422,14 @@ def test_remarks_of_sigrok_are_no_names(tmp_path):
     assert_is_the_motion(read_any(file, told))
 
 
+def test_names_behind_an_empty_one_are_no_remark(tmp_path):
+    file = tmp_path / "a.csv"
+    rows = [f"{k}; {t}; {x}; {u}" for k, (t, x, u) in enumerate(ROWS)]
+    file.write_text("\n".join(["; t; x; u", *rows]))
+    told = wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg")
+    assert_is_the_motion(read_any(file, told))
+
+
 def write_dspace(path):
     kinds = [(name, object) for name in ("Name", "Unit", "Data", "XIndex")]
     channels = np.zeros(2, dtype=kinds)

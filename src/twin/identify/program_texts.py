@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
-COMMENT_MARKS = ("#", "%", "//", "; ")
+COMMENT_MARKS = ("#", "%", "//")
 """What begins a line that is a remark."""
 LABVIEW_END = "***End_of_Header***"
 """Line with which a head of LabVIEW ends."""

@@ -65,6 +65,8 @@ def plain_lines(text: str) -> list[str]:
         text: All of it.
     """
     lines = list(filter(str.strip, TERMINAL_CODE.sub("", text.replace("−", "-")).splitlines()))
+    if lines and ";" not in lines[len(lines) // 2]:  # of rows without any they begin remarks
+        lines = [line for line in lines if not line.startswith(";")]
     if (rows := rows_of_program(lines)) is not None:
         return rows
     for prefix in PREFIXES:
