@@ -42,7 +42,6 @@ FOREIGN = {
     "a.pkl": (pickle.dumps({"t": T.tolist()}), "a Python pickle"),
     "a.html": (b"<!DOCTYPE html><html>", "an XML or HTML file"),
     "b.pkl": (pickle.dumps({"t": T.tolist()}, 2), "a Python pickle"),
-    "b.mat": (b"# Created by Octave 8.4\n# name: t\n", "a text file of Octave.*csvwrite"),
     "a.bin": (bytes(range(256)) * 4, "a binary file of a kind not known"),
     "a.blf": (b"LOGG" + bytes(99), "a CAN trace of Vector.*ballplate trace"),
 }

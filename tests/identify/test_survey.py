@@ -1,11 +1,13 @@
 """`twin.identify.survey`: What a log holds, and a command line that works."""
 
 import json
+import re
 import shlex
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.io import savemat
 
 from twin.cli.understand import identify
 from twin.identify.any_logs import read_any
@@ -137,6 +139,80 @@ NAMES = {
     "t,x,y,MV_x,MV_y": "x y MV_x MV_y",
     "t,x,sensor_mv": "x - - -",
     "t,state_estimate.0,state_estimate.1,observation,action,cost.c": "observation - action -",
+    # a setpoint of an angle or a servo is the command, one of a position is none
+    "Temps [s],Position x [mm],Consigne x [°]": "Position x|-|Consigne x|-",
+    "Temps [s],Position x [mm],Consigne x [mm],Commande x [°]": "Position x|-|Commande x|-",
+    "Temps [s],Position x [mm],Consigne x [mm]": "Position x|-|-|-",
+    "temps,position_bille_mm,consigne_servo_us,tension_moteur": (
+        "position_bille_mm - consigne_servo_us -"
+    ),
+    "Zeit [s],Kugel x [mm],Sollwinkel x [°],Führungsgröße x [mm]": "Kugel x|-|Sollwinkel x|-",
+    "Zeit [s],Lage [mm],Führungsgröße [mm],Stellgröße [V],Regelabweichung [mm]": (
+        "Lage|-|Stellgröße|-"
+    ),
+    "Zeit [s],Istwert [mm],Sollwert [mm],Ausgang [V]": "-|-|Ausgang|-",
+    "t,Abstand [mm],Soll [deg]": "Abstand|-|Soll|-",
+    "Tiempo [s],Posición de la bola [mm],Consigna del servo [°]": (
+        "Posición de la bola|-|Consigna del servo|-"
+    ),
+    "tiempo,posicion_mm,consigna_mm,señal de control": "posicion_mm|-|señal de control|-",
+    "Tempo [s],Posizione pallina [mm],Riferimento [mm],Comando motore [V],Errore [mm]": (
+        "Posizione pallina|-|Comando motore|-"
+    ),
+    "tempo [s],riferimento [rad],posizione [m]": "posizione|-|riferimento|-",
+    "Tempo [s],Posição da bola [mm],Referência [mm],Ângulo [°],Velocidade [mm/s]": (
+        "Posição da bola|-|Ângulo|-"
+    ),
+    "tempo,posicao_x_mm,posicao_y_mm,sinal de controle x,sinal de controle y": (
+        "posicao_x_mm|posicao_y_mm|sinal de controle x|sinal de controle y"
+    ),
+    "Zaman [s],Top Konumu X [mm],Referans [mm],Servo Açısı [°],Hata [mm]": (  # noqa: RUF001
+        "Top Konumu X|-|Servo Açısı|-"  # noqa: RUF001
+    ),
+    "Czas [s],Położenie kulki [mm],Wartość zadana [mm],Sygnał sterujący [V],Uchyb [mm]": (
+        "Położenie kulki|-|Sygnał sterujący|-"
+    ),
+    "Czas [s],Pozycja x [mm],Pozycja y [mm],Kąt x [°],Kąt y [°]": (
+        "Pozycja x|Pozycja y|Kąt x|Kąt y"
+    ),
+    "时间,小球位置X,小球位置Y,舵机角度X,舵机角度Y,误差X": (
+        "小球位置X 小球位置Y 舵机角度X 舵机角度Y"
+    ),
+    "时间 [s],位置 [mm],目标位置 [mm],控制量": "位置|-|控制量|-",
+    "时间 [s],位置 [mm],设定值 [mm],输出": "位置|-|输出|-",
+    "时间 [s],位置 [mm],设定值 [°]": "位置|-|设定值|-",
+    "t,x [V],setpoint [V],u [V]": "x|-|u|-",
+    # other words of a path, and a measured position of the plate
+    "t,payload.x,payload.servo,payload.vx": "payload.x - payload.servo -",
+    "t,rig1.ball.x,rig1.cmd_vel.linear.x,rig1.servo.x": "rig1.ball.x - rig1.servo.x -",
+    "t,imu/orientation/x,odom/linear/x,touch/x,servo/x": "touch/x - servo/x -",
+    "t,motor_current,ball_x,motor_voltage": "ball_x - motor_voltage -",
+    "t,current_x,target_x,cmd": "current_x - cmd -",
+    # freshly written ones that once were not understood
+    "Zeit,Ballposition X [mm],Ballposition Y [mm],Sollwinkel Roll [°],Sollwinkel Nick [°]": (
+        "Ballposition X|Ballposition Y|Sollwinkel Roll|Sollwinkel Nick"
+    ),
+    "t,Kugelort [mm],Führungsgröße w [mm],Regelgröße [mm],Stellgröße u [V]": (
+        "Kugelort|-|Stellgröße u|-"
+    ),
+    "Zeit,Istposition [mm],Sollposition [mm],Motorspannung [V]": "Istposition|-|Motorspannung|-",
+    "Zeit,Kugel_x_mm,Kugel_y_mm,Vorgabe_x_grad,Vorgabe_y_grad": (
+        "Kugel_x_mm Kugel_y_mm Vorgabe_x_grad Vorgabe_y_grad"
+    ),
+    "Temps (s),Position bille x (cm),Angle plateau x (deg),Consigne angle x (deg)": (
+        "Position bille x|-|Consigne angle x|-"
+    ),
+    "Zeit / s,Kugelposition / mm,Sollposition / mm,Stellwinkel / °": (
+        "Kugelposition|-|Stellwinkel|-"
+    ),
+    "t/s,x/mm,u/V": "x|-|u|-",
+    "t,Top X [mm],Top Y [mm],Referans X [mm],Motor X Açı [°],Motor Y Açı [°]": (  # noqa: RUF001
+        "Top X|Top Y|Motor X Açı|Motor Y Açı"  # noqa: RUF001
+    ),
+    "t,Setpoint x [mm],Speed x [mm],Plate x [mm],cmd": "-|-|cmd|-",
+    "t,Abstand [V],Sollwert [V]": "Abstand|-|-|-",
+    "t,odom/linear/x,servo/x": "- - servo/x -",
+    "t,a/x,a/y,b/servo_x,b/servo_y": "a/x a/y b/servo_x b/servo_y",
 }
 
 
@@ -151,7 +227,25 @@ def test_roles_follow_the_words_of_the_names(tmp_path, header):
     roles = "measured_x", "measured_y", "command_phi", "command_theta"
     between = "|" if "|" in NAMES[header] else " "
     assert between.join(found.get(role, "-") for role in roles) == NAMES[header]
-    assert found["time"] == names[0].partition(" [")[0]
+    assert found["time"] == re.split(r" ?[\[(/]", names[0])[0]
+
+
+def test_the_current_of_a_motor_is_no_angle_and_what_rises_evenly_no_position(tmp_path):
+    file = write(tmp_path / "a.csv", "t,motor_current,x,position,servo", T, U, 5 * T, X, 2 * U)
+    roles = {guess.role: guess.column for guess in survey(file).guesses}
+    assert roles == {"time": "t", "measured_x": "position", "command_phi": "servo"}
+
+
+def test_a_position_in_degrees_is_a_measured_angle(tmp_path):
+    header = "t,Position x [mm],Lage x [°],Soll x [°]"
+    file = write(tmp_path / "a.csv", header, T, 1e3 * X, np.degrees(U), np.degrees(1.1 * U))
+    roles = {guess.role: guess.column for guess in survey(file).guesses}
+    assert roles == {
+        "time": "t",
+        "measured_x": "Position x",
+        "measured_phi": "Lage x",
+        "command_phi": "Soll x",
+    }
 
 
 def test_a_measured_angle_is_told_from_a_command(tmp_path):
@@ -274,6 +368,14 @@ def test_of_two_columns_of_one_name_the_noisy_one_is_measured(tmp_path):
             assert f"measured_x={name}:m" in found.command
 
 
+def test_a_column_with_two_numbers_is_compared_with_none(tmp_path):
+    file = tmp_path / "a.csv"
+    rows = [f"{t:.2f},{x},{x if k in (3, 9) else ''},{u}"
+            for k, (t, x, u) in enumerate(zip(T, X, U, strict=True))]  # fmt: skip
+    file.write_text("\n".join(["t,data.x.1,data.x.2,servo", *rows]))
+    assert "measured_x=data.x.1:m" in survey(file).command
+
+
 def test_a_command_that_was_written_twice_is_not_that_of_the_other_axis(tmp_path):
     header = "t,pos_x,pos_y,angle_x,angle_y"
     file = write(tmp_path / "a.csv", header, T, X, X[::-1], U, U)
@@ -316,3 +418,51 @@ def test_a_counter_may_miss_rows_and_is_none_if_it_counts_anything_else(tmp_path
     for numbers in (np.cumsum(lossy), np.ones(len(T)), 0.5 * lossy):
         file = write(tmp_path / "b.csv", "number,X,servo", numbers, 1e3 * X, np.degrees(U))
         assert "time=NAME:s," in survey(file).command
+
+
+def test_columns_of_a_matrix_may_be_given_as_matlab_or_python_write_them(tmp_path):
+    file = tmp_path / "a.mat"
+    savemat(file, {"data": np.stack((T, 1e3 * X, U), 1), "gains": np.ones((3, 3))})
+    forms = (
+        "time=data(:,1),measured_x=data(:, 2):mm,command_phi=-data(:,3)",
+        "time=data[:,0],measured_x=data[:,1]:mm,command_phi=-data[:, 2]",
+        "time=data.1,measured_x=data.2:mm,command_phi=-data.3",
+    )
+    for form in forms:
+        axis = read_any(file, wanted_columns(form)).axes["x"]
+        assert axis.sampled == pytest.approx(T)
+        assert axis.ball == pytest.approx(X)
+        assert axis.tilt == pytest.approx(-U)
+    np.save(tmp_path / "a.npy", np.stack((T, X, U), 1))
+    told = wanted_columns("time=[:,0],measured_x=[:,1],command_phi=[:,2]")
+    assert read_any(tmp_path / "a.npy", told).axes["x"].ball == pytest.approx(X)
+
+
+def test_a_column_of_a_matrix_that_rises_evenly_is_guessed_to_be_the_time(tmp_path):
+    file = tmp_path / "a.mat"
+    savemat(file, {"m": np.stack((5 + T, X, U), 1), "ball": np.stack((T, X, X[::-1]), 1)})
+    found = survey(file)
+    roles = {guess.role: guess for guess in found.guesses}
+    assert roles["time"].option == "time=ball.1:s"  # of the matrix that has the ball
+    assert roles["time"].why.startswith("a guess: rises evenly in every row")
+    assert roles["measured_x"].column == "ball.2"
+    assert roles["measured_y"].column == "ball.3"
+    uneven = 5 + T**3
+    savemat(file, {"m": np.stack((uneven, X, U), 1)})
+    assert "time=NAME:s" in survey(file).command
+
+
+def test_a_time_of_day_is_told_by_its_cells_and_not_by_the_size_of_its_numbers(tmp_path):
+    """A counter of 16 bits wraps at its numbers, a time of day at midnight, a date never."""
+    short = (65000 + 1e3 * T) % 65536
+    file = write(tmp_path / "a.csv", "t,x,servo", short, 1e3 * X, np.degrees(U))
+    assert "wraps 1 time" in " ".join(survey(file).notes)
+    dates = [f"1970-01-01 {int(t // 3600):02d}:{int(t // 60) % 60:02d}:{t % 60:05.2f}"
+             for t in (86398 + T) % 86400]  # fmt: skip
+    lines = [f"{t},{x},{u}" for t, x, u in zip(dates, X, U, strict=True)]
+    file.write_text("\n".join(["t,x,servo", *lines]))
+    assert "1 step back" in survey(file).notes[0]  # a date does not wrap
+    file.write_text("\n".join(["t,x,servo", *(line[11:] for line in lines)]))
+    assert "wraps 1 time" in " ".join(survey(file).notes)
+    told = wanted_columns("time=t,measured_x=x:m,command_phi=servo:rad")
+    assert read_any(file, told).axes["x"].sampled == pytest.approx(T)

@@ -5,8 +5,8 @@ import pytest
 
 from twin.base.errors import LogError
 from twin.identify.any_logs import read_any
+from twin.identify.cells import parse_numbers
 from twin.identify.log_columns import wanted_columns
-from twin.identify.log_tables import parse_numbers
 from twin.identify.survey import survey
 from twin.identify.text_forms import plain_lines
 

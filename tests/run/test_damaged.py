@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from twin.base.errors import LogError, RecordError
 from twin.run.files import STREAM_FILE
 from twin.run.finished import record_run, run, run_metadata
-from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns, split_unit
+from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns
 from twin.run.opened import open_run
 from twin.run.record import CHECKSUM_KEY, read_metadata, read_run, stream
+from twin.run.units import split_unit
 
 
 @pytest.fixture(scope="module")

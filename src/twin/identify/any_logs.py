@@ -5,7 +5,6 @@ What is left out or assumed on the way becomes a note of the log.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import scipy
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
 from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
+from twin.identify.cells import are_times_of_day, describe_hexadecimal, parse_numbers
 from twin.identify.clocks import unwrap
 from twin.identify.log_columns import (
     AXIS_COLUMNS,
@@ -22,18 +22,17 @@ from twin.identify.log_columns import (
     ROLES_OF_BOTH_AXES,
     ROW_NAME,
     ColumnWanted,
+    is_count,
     unit_factor,
 )
 from twin.identify.log_tables import (
-    are_times_of_day,
     counts_rows,
     find_column,
     open_content,
-    parse_numbers,
     split_content,
 )
 from twin.identify.samples import are_copies, find_held, resolution, runs
-from twin.run.logs import UNIT_SCALES
+from twin.run.units import UNIT_SCALES
 
 MIN_MOTION_M, MAX_MOTION_M = 1e-3, 3.0
 """Distance in m from the middle of its positions that a ball on a plate comes to."""
@@ -103,6 +102,8 @@ def read_any(
             notes.append(
                 f"{plural(broken, 'cell')} of {column.name} without a number: taken as empty"
             )
+        if said := describe_hexadecimal(cells[index]):
+            notes.append(f"{column.name}: {said}")
         if role == "time":
             values, wraps = unwrap(values, of_day=are_times_of_day(cells[index]))
             if wraps:
@@ -112,7 +113,7 @@ def read_any(
         columns[role] = column.to_si(values, factor)
         if index in clocks:
             times[role] = clocks[index]
-        counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
+        counted = ROLE_UNITS[role] == "rad" and is_count(unit)
         units[role] = "count" if counted else ROLE_UNITS[role]
     notes += _describe_copies(columns, wanted)
     rows = _on_one_clock(path.name, columns, times, notes)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from twin.base.data_file import read_toml
+from twin.run.units import UNIT_SCALES, plain_unit
 
 _WORDS = {
     kind: frozenset(words) for kind, words in read_toml(Path(__file__).with_suffix(".toml")).items()
@@ -15,12 +16,16 @@ _WORDS = {
 """Kind of words to the words in small letters, see the file."""
 NUMBERINGS = ("012345", "123456", "abcdef", "uv")
 """Letters and digits that number columns: the first is along x, the second along y."""
-WEAK_NAMES = {
+WEAK_NAMES = {frozenset({word}): ("command", 0.4) for word in _WORDS["output"]} | {
     frozenset({"r"}): ("measured", 0.4),
-    frozenset({"output"}): ("command", 0.4),
     frozenset({"mv"}): ("command", 0.4),  # manipulated variable; elsewhere millivolts
 }
 """Words that often mean something else: kind and weight of a column without any other word."""
+CASE_CHANGE = re.compile(
+    r"(?<=[a-zà-öø-ÿąćęłńśźżğış])(?=[A-Z])|(?<=[\u4e00-\u9fff])(?=[A-Za-z])"
+    r"|(?<=[A-Za-z])(?=[\u4e00-\u9fff])"
+)
+"""Where a word ends without a sign between: before a capital, and next to a Chinese sign."""
 SINGLE_NAMES = {
     "time": re.compile(r"x_value"),  # of LabVIEW
     "touched": re.compile(r"touch(ed)?|seen|visible|valid|detected"),
@@ -28,10 +33,29 @@ SINGLE_NAMES = {
 }
 """Kinds that whole names state."""
 
+FILLER = "de"
+"""The derivative of an error, but among other words that of some languages for ``of``."""
+DRIVE_UNITS = frozenset({"us", "V", "mV", "counts", "count", "steps", "pwm"})
+"""Units of commands other than angles."""
+UNKNOWN_WEIGHT = 0.9
+"""Weight of a position by its unit and axis alone."""
+BALL_WEIGHT = 3.0
+"""Weight of a name that says that it is of the ball."""
+
 _KNOWN = frozenset().union(*_WORDS.values(), *WEAK_NAMES)
-_JOINED_KINDS = "ball", "position", "drive", "angle", "measured", "reference", "processed", "plate"
+_JOINED_KINDS = (
+    *("ball", "position", "drive", "angle", "measured", "reference", "processed", "plate"),
+    "electric",
+)
+_JOINED_WITHOUT_SPACES = (*_JOINED_KINDS, "derived", "output", "neutral")
 _PARTS = sorted(
-    (word for kind in _JOINED_KINDS for word in _WORDS[kind] if len(word) > 2),
+    {word for kind in _JOINED_KINDS for word in _WORDS[kind] if len(word) > 2}
+    | {
+        word
+        for kind in _JOINED_WITHOUT_SPACES
+        for word in _WORDS[kind]
+        if re.match(r"[\u4e00-\u9fff]", word)
+    },
     key=len,
     reverse=True,
 )
@@ -48,7 +72,7 @@ class Suggestion:
 
     Attributes:
         kind: ``time``, ``counter`` of rows, ``measured`` of the ball, ``command``, ``angle`` of a
-            measured one, ``touched`` or ``age``.
+            measured one, ``reference`` by the name alone, ``touched`` or ``age``.
         axis: ``x`` or ``y``; empty if the name states none.
         weight: The larger, the clearer.
         counts: Whether the numbers are in a unit of the rig's own.
@@ -64,15 +88,57 @@ COUNTER = Suggestion("counter", "", 1.6, counts=True)
 """What the name of a column that counts rows suggests."""
 
 
-def suggest_kinds(names: Sequence[str]) -> list[Suggestion | None]:
-    """What each name suggests, without its unit; None of one that suggests nothing.
+def suggest_kinds(names: Sequence[str], units: Sequence[str] = ()) -> list[Suggestion | None]:
+    """What each name suggests with its unit; None of one that suggests nothing.
 
     Columns that are numbered belong together: ``servo_1`` is along x only next to ``servo_2``, and
-    ``ball_u`` a position in a picture only next to ``ball_v``. Of a path ``GROUP/NAME`` that
-    suggests nothing the last name counts.
+    ``ball_u`` a position in a picture only next to ``ball_v``. Of a path ``GROUP/NAME`` or
+    ``GROUP.NAME`` that suggests nothing the last name counts. A wish, as a setpoint, is a command
+    in a unit of angles or drives that no position has, else nothing; a position in a unit of angles
+    is a measured angle.
+
+    Args:
+        names: Without units.
+        units: Of each, empty of one without; by default none has any.
     """
-    whole, last = _suggest_each(names), _suggest_each([name.rpartition("/")[2] for name in names])
-    return [each or other for each, other in zip(whole, last, strict=True)]
+    last = _suggest_each([re.split(r"[/.]", name)[-1] for name in names])
+    found = [
+        each or (None if (set(_split(name)) - {FILLER}) & _WORDS["derived"] else other)
+        for name, each, other in zip(names, _suggest_each(names), last, strict=True)
+    ]
+    known = [plain_unit(unit) for unit in units] or [""] * len(names)
+    of_positions = {
+        unit for unit, each in zip(known, found, strict=True) if each and each.kind == "measured"
+    }
+    return [
+        _by_unit(each, unit, of_positions) if each else _by_length(name, unit)
+        for name, each, unit in zip(names, found, known, strict=True)
+    ]
+
+
+def _by_unit(each: Suggestion, unit: str, of_positions: set[str]) -> Suggestion | None:
+    """What a name suggests, corrected by its unit.
+
+    Args:
+        each: What it suggests by itself.
+        unit: Its unit; empty without one.
+        of_positions: Units of all positions.
+    """
+    if each.kind == "reference":
+        of_drive = unit in UNIT_SCALES["rad"] or (unit in DRIVE_UNITS and unit not in of_positions)
+        return replace(each, kind="command") if of_drive else None
+    if each.kind == "measured" and unit in UNIT_SCALES["rad"] and each.weight < BALL_WEIGHT:
+        return replace(each, kind="angle", weight=each.weight - 1.0)
+    return each
+
+
+def _by_length(name: str, unit: str) -> Suggestion | None:
+    """A position along an axis in a unit of length, of a thing with an unknown name; else None."""
+    words = set(_split(name))
+    axis, others = words & {"x", "y"}, words - {"x", "y"}
+    if unit not in UNIT_SCALES["m"] or len(axis) != 1 or others & _KNOWN - _WORDS["neutral"]:
+        return None
+    return Suggestion("measured", axis.pop(), UNKNOWN_WEIGHT, counts=False)
 
 
 def _suggest_each(names: Sequence[str]) -> list[Suggestion | None]:
@@ -87,7 +153,7 @@ def _suggest_each(names: Sequence[str]) -> list[Suggestion | None]:
 
 def _split(name: str) -> tuple[str, ...]:
     """The words of a name in small letters, its axis and its number apart."""
-    apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", name).casefold()
+    apart = CASE_CHANGE.sub(" ", name).casefold()
     found: list[str] = []
     for word in re.findall(r"[^\W\d_]+|\d+", apart):
         joined = _JOINED.fullmatch(word)
@@ -134,6 +200,8 @@ def _suggest(name: str, words: tuple[str, ...], axis: str) -> Suggestion | None:
     if axis == "z":
         return None
     every = set(words)
+    if every - {"x", "y", FILLER} - _WORDS["neutral"]:
+        every.discard(FILLER)
     if words and words[-1] in _WORDS["time"]:
         named = every & (_WORDS["derived"] | _WORDS["drive"])
         return None if named else Suggestion("time", "", 2.0 - 0.1 * len(words), counts=False)
@@ -159,18 +227,20 @@ def _kind(words: set[str], axis: str) -> tuple[str, float]:
     sensed = sensor or words & _WORDS["measured"]
     wish, place = words & _WORDS["reference"], words & _WORDS["position"]
     found = "", 0.0
-    if words & _WORDS["derived"]:
+    if words & _WORDS["derived"] or (drive and "current" in words):
         pass
     elif words & _WORDS["ball"]:
         if not drive and not wish and (axis or place or words in ({"ball"}, {"kugel"})):
-            found = "measured", 3.0
+            found = "measured", BALL_WEIGHT
     elif sensor or (sensed and (drive or angle)):
         found = "angle", 2.0
     elif (drive or angle) and not words & _WORDS["time"]:
         clear = words & {"cmd", "command", "u"}
-        found = "command", 1.5 + 0.5 * bool(drive) + bool(clear)
+        found = "command", 1.5 + 0.5 * bool(drive) + bool(clear) + 0.4 * bool(wish)
     elif frozenset(words) in WEAK_NAMES:
         found = WEAK_NAMES[frozenset(words)]
-    elif not wish and (place or (axis and words <= _WORDS["measured"] | _WORDS["processed"])):
+    elif wish:
+        found = "reference", 1.9
+    elif place or (axis and words <= _WORDS["measured"] | _WORDS["processed"]):
         found = "measured", 2.0 + 0.5 * bool(sensed)
     return found

@@ -2,7 +2,8 @@
 
 A column is given as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the third,
 ``command_theta=-servo2:0.24deg`` with its sign turned and a factor, ``measured_x=far:mm@50`` with
-the number that it has at zero. Rows at a constant rate have the time ``time=row:100Hz``, by their
+the number that it has at zero. A column of a matrix may be given as ``data(:,1)`` or ``data[:,0]``.
+Rows at a constant rate have the time ``time=row:100Hz``, by their
 number, or ``time=n:100Hz`` by a column that counts them.
 """
 
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 
 from controllers.arrays import Array
 from twin.base.errors import LogError, suggest
-from twin.run.logs import UNIT_SCALES
+from twin.run.units import UNIT_SCALES, plain_unit
 
 ROLE_UNITS = {
     "time": "s",
@@ -42,6 +43,10 @@ COUNT_UNITS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
 """Units of a command other than angles."""
 ROW_NAME = "row"
 """Stands for the number of the row, from 0, where no column has this name."""
+UNIT_WITH_FACTOR = re.compile(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([^\W\d_]*|°|1)\s*")
+"""A unit, or a factor, or both."""
+MATRIX_COLUMN = re.compile(r"([\w.]*)(?:\(:,\s*(\d+)\)|\[:,\s*(\d+)\])")
+"""A column of a matrix as MATLAB or Python write it: ``data(:,1)`` or ``data[:,0]``."""
 RATE_UNITS = {"Hz": 1.0, "kHz": 1e3}
 """Units of a rate of rows, of which a time may be counted."""
 
@@ -73,6 +78,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     Raises:
         LogError: If a role is unknown, given twice, or required and missing, or commas are missing.
     """
+    text = MATRIX_COLUMN.sub(_name_matrix_column, text)
     if "," not in text and text.count("=") > 1 and " " in text.strip():
         parts = re.split(r"\s+(?=\w+=)", text.strip())
         raise LogError(f"--columns: put commas between the columns: {','.join(parts)}")
@@ -114,6 +120,12 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     return found
 
 
+def _name_matrix_column(found: re.Match[str]) -> str:
+    """A column of a matrix as ``NAME.1``, or its number where the matrix has no name."""
+    number = found[2] or str(int(found[3]) + 1)
+    return f"{found[1]}.{number}" if found[1] else number
+
+
 def _number_at_zero(role: str, text: str) -> float:
     """The number that a column has where its quantity is zero.
 
@@ -138,19 +150,24 @@ def unit_factor(unit: str, si: str) -> float | None:
 
     Of a time it may be the rate of what it counts, as ``100Hz``.
     """
-    unit = unit.replace("°", "deg").replace("µ", "u")
-    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
-    if match is None:
+    if (match := UNIT_WITH_FACTOR.fullmatch(unit)) is None:
         return None
-    if si == "s" and match[1] and match[2] in RATE_UNITS:
+    word = plain_unit(match[2])
+    if si == "s" and match[1] and word in RATE_UNITS:
         rate = unit_factor(match[1], "1")
-        return 1 / (rate * RATE_UNITS[match[2]]) if rate else None
-    scale = _unit_scales(si).get(match[2], 1.0 if match[1] and not match[2] else None)
+        return 1 / (rate * RATE_UNITS[word]) if rate else None
+    scale = _unit_scales(si).get(word, 1.0 if match[1] and not word else None)
     try:
         factor = float(match[1] or 1.0) * (scale or 0.0)
     except ValueError:
         return None
     return factor if 0.0 < factor < math.inf else None
+
+
+def is_count(unit: str) -> bool:
+    """Whether a unit of a command, with or without a factor, is none of an angle."""
+    match = UNIT_WITH_FACTOR.fullmatch(unit)
+    return bool(unit) and (match is None or plain_unit(match[2]) not in UNIT_SCALES["rad"])
 
 
 def _unit_scales(si: str) -> dict[str, float]:

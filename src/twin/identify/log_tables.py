@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +13,23 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError, plural, suggest
 from twin.base.foreign import decode_text
+from twin.identify.cells import (
+    BLANK_CELLS,
+    LIST_CELL,
+    NUMBER,
+    NUMBER_WITH_UNIT,
+    is_number,
+    is_time,
+    parse_numbers,
+)
 from twin.identify.clocks import pair_seconds
-from twin.identify.log_columns import ROLE_UNITS, ROW_NAME, ColumnWanted, unit_factor
+from twin.identify.column_names import suggest_kinds
+from twin.identify.log_columns import ROLE_UNITS, ROW_NAME, ColumnWanted
 from twin.identify.text_forms import plain_lines, split_at_blanks
 from twin.run.foreign_logs import foreign_table
-from twin.run.logs import NEEDED_COLUMNS, SECOND_AXIS_COLUMNS, split_unit
+from twin.run.logs import NEEDED_COLUMNS, SECOND_AXIS_COLUMNS
 from twin.run.readers import ForeignTable
+from twin.run.units import is_unit, split_unit
 
 SEPARATOR_NAMES = {
     "tab": "\t",
@@ -31,23 +40,10 @@ SEPARATOR_NAMES = {
     "pipe": "|",
 }
 """Names of separators that a command line may give instead of the sign."""
-BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
-"""Cells without a number, in small letters."""
-BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
-"""Words that stand for a number, in small letters."""
 UNITS_OF_EXAMPLES = {"m": "mm", "rad": "deg", "s": "ms", "1": "1"}
 """SI unit to the unit that an example of an option has."""
 FEW_ODD_ROWS = 0.02
 """Up to this share of rows, a row with a different number of cells counts as damaged."""
-NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eEdD][-+]?[0-9]+)?[.,]?"
-NUMBER_WITH_UNIT = re.compile(rf"({NUMBER})\s*([mµu]?s|[mcµu]?m|m?rad|deg|°|px|m?V|%)?")
-"""A number, and the unit that follows it in some cells."""
-LIST_CELL = re.compile(rf"[\[(]\s*{NUMBER}(?:[\s,;]+{NUMBER})+\s*[\])]")
-"""A cell with several numbers in brackets."""
-THOUSANDS = re.compile(r"[-+]?(?:\d{1,3}|[1-9]\d{0,2}([.,])\d{3}(?:\1\d{3})*)")
-"""A whole number, with a mark before each three digits from 1000 on."""
-MIN_THOUSANDS = 10
-"""Least number of cells with such marks, and of cells that need none."""
 MIN_SHARE_OF_UNITS = 0.8
 """Share of the cells of a column that have to have its unit."""
 VALUE_NAME_COLUMNS = frozenset(
@@ -56,6 +52,12 @@ VALUE_NAME_COLUMNS = frozenset(
 """Names of a column with the name of what a row is of, in small letters."""
 VALUE_COLUMNS = frozenset({"value", "val", "wert", "data", "reading"})
 """Names of the column with its value."""
+MIN_UNIX_TIME_S, MAX_UNIX_TIME_S = 1e9, 4e9
+"""From and to which time since 1970 in s a log is assumed to be, from 2001 to 2096."""
+MIN_NANOSECONDS = 1e8
+"""Least largest number of nanoseconds, which smaller whole numbers are not."""
+MAX_NAME_ROWS = 3
+"""Rows above the numbers of which one may have the names, and one the units."""
 MAX_PIVOTED = 50
 """Largest number of names for which one of them is taken for a column."""
 MAX_CUT_ROWS = 0.2
@@ -168,107 +170,7 @@ def counts_rows(header: list[str], column: ColumnWanted) -> bool:
         header: The names of the columns; empty without any.
         column: The column of the time.
     """
-    known = {name for names in _name_columns(header) for name in names}
-    return column.name == ROW_NAME and ROW_NAME not in known
-
-
-TIME_OF_DAY = re.compile(
-    r"(?:(?P<days>\d+) days? )?"
-    r"(?:(?P<day>\d{1,2})(?P<sign>[./])(?P<month>\d{1,2})(?P=sign)(?P<year>\d{4}),? )?"
-    r"(?:(?P<hours>\d{1,2}):|(?=\d\d:\d\d\.))(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d+)?)"
-    r"(?: (?P<half>am|pm))?"
-)
-"""A time of day, after a number of days or a date that does not begin with the year; without hours
-its seconds have a fraction."""
-
-
-def parse_numbers(cells: Array | list[str]) -> tuple[Array, int]:
-    """Numbers of cells, NaN where there is none, and how many are neither number nor blank.
-
-    A comma is a decimal sign, or with a point in the same cell whichever of the two is last.
-    """
-    if not isinstance(cells, list):
-        return np.where(np.isfinite(cells), cells, np.nan), 0
-    values, broken = np.full(len(cells), np.nan), 0
-    mark = _thousands_mark(cells)
-    for k, cell in enumerate(cells):
-        word = cell.casefold()
-        if mark:
-            word = word.replace(mark, "")
-        elif ":" in word:
-            word = re.sub(r",(?=\d)", ".", word)
-        elif "," in word:
-            if word.rfind(".") > word.rfind(","):
-                word = word.replace(",", "")
-            elif "." in word:
-                word = word.replace(".", "")
-            word = word.replace(",", ".")
-        try:
-            values[k] = _number(word)
-        except ValueError:
-            broken += word not in BLANK_CELLS
-    values[~np.isfinite(values)] = np.nan
-    return values, broken
-
-
-def _thousands_mark(cells: list[str]) -> str:
-    """The sign that marks thousands in whole numbers, as in ``980`` and ``1,000``; empty for none.
-
-    Some numbers have it, always before three digits, and smaller ones do not.
-    """
-    found = [THOUSANDS.fullmatch(cell) for cell in cells if cell.casefold() not in BLANK_CELLS]
-    marks = [each[1] or "" for each in found if each]
-    (mark, *others) = set(marks) - {""} or {""}
-    shares = min(marks.count(mark), marks.count(""))
-    return mark if mark and not others and all(found) and shares >= MIN_THOUSANDS else ""
-
-
-def _number(word: str) -> float:
-    """The number of a cell in small letters, with a point; of a time seconds.
-
-    It may be in brackets, have marks of thousands or an exponent of Fortran.
-
-    Raises:
-        ValueError: If it is none.
-    """
-    if word in BOOLEAN_WORDS:
-        return BOOLEAN_WORDS[word]
-    with suppress(ValueError):
-        return float(word)
-    bare = re.sub(r"(?<=\d)[\s'\u2019](?=\d{3}(?!\d))", "", word.strip("[]()"))
-    with suppress(ValueError):
-        return float(re.sub(r"(?<=[\d.])d(?=[-+]?\d+$)", "e", bare))
-    return _parse_time(word)
-
-
-def _parse_time(word: str) -> float:
-    """Seconds of a date, a time of day or a number of days and hours.
-
-    Raises:
-        ValueError: If it is none.
-    """
-    found = TIME_OF_DAY.fullmatch(word)
-    if found is None:
-        return datetime.fromisoformat(word.upper()).replace(tzinfo=UTC).timestamp()
-    hours = int(found["hours"] or 0)
-    seconds = 3600.0 * hours + 60.0 * int(found["minutes"]) + float(found["seconds"])
-    if found["half"]:
-        seconds += 43200.0 * ((found["half"] == "pm") - (hours == 12))
-    if found["year"]:
-        day, month = int(found["day"]), int(found["month"])
-        if found["sign"] == "/" and day <= 12:  # as in the United States
-            day, month = month, day
-        return datetime(int(found["year"]), month, day, tzinfo=UTC).timestamp() + seconds
-    return 86400.0 * int(found["days"] or 0) + seconds
-
-
-def are_times_of_day(cells: Array | list[str]) -> bool:
-    """Whether cells are times of day without a date, by the first that is not empty."""
-    if not isinstance(cells, list):
-        return False
-    first = next(filter(None, cells), "").casefold().replace(",", ".")
-    found = TIME_OF_DAY.fullmatch(first)
-    return found is not None and not (found["year"] or found["days"])
+    return column.name == ROW_NAME and ROW_NAME not in _known_names(header)
 
 
 def _with_unit(name: str, unit: str | None) -> str:
@@ -313,7 +215,7 @@ def _split_columns(
     counts = np.array([len(row) for row in rows], dtype=int)
     usual = int(np.bincount(counts).argmax()) if rows else 0
     named = len(header)
-    known = {name for names in _name_columns(header) for name in names}
+    known = _known_names(header)
     by_name = any(each.name.casefold() in known for each in wanted.values())
     more = any(any(row[named:]) for row in rows if len(row) == usual)
     if by_name and (more or (named > usual > 0 and split is split_at_blanks)):
@@ -400,7 +302,7 @@ def _pivot(header: list[str], columns: list[list[str]]) -> tuple[list[str], list
         return header, columns
     labels, values = columns[by_name[0]], columns[by_value[0]]
     known = dict.fromkeys(filter(None, labels))
-    if not 2 <= len(known) <= MAX_PIVOTED or all(map(_is_number, known)):
+    if not 2 <= len(known) <= MAX_PIVOTED or all(map(is_number, known)):
         return header, columns
     others = [k for k in range(len(header)) if k not in (*by_name, *by_value)]
     spread = [
@@ -444,11 +346,30 @@ def _join_nanoseconds(
         notes: Receives what was added.
     """
     joined = list[Array | list[str]](columns)
-    for whole, rest in pair_seconds([split_unit(name)[0] for name in header]):
+    pairs = pair_seconds([split_unit(name)[0] for name in header])
+    for whole, rest in pairs if header else _pair_numbers(columns):
         (seconds, _), (added, _) = parse_numbers(columns[whole]), parse_numbers(columns[rest])
         joined[whole] = seconds + 1e-9 * added
-        notes.append(f"{header[whole]}: with the nanoseconds of {header[rest]}")
+        first, second = (header[whole], header[rest]) if header else (whole + 1, rest + 1)
+        notes.append(f"{first}: with the nanoseconds of {second}")
     return joined
+
+
+def _pair_numbers(columns: list[list[str]]) -> Iterator[tuple[int, int]]:
+    """Columns of whole seconds since 1970, each with that of nanoseconds behind it, by numbers."""
+    for k, (first, second) in enumerate(pairwise(columns)):
+        if all(map(str.isdecimal, first)) and all(map(str.isdecimal, second)):
+            seconds, rest = (np.array(each, dtype=float) for each in (first, second))
+            steps, going = np.diff(seconds), np.diff(seconds + 1e-9 * rest)
+            if (
+                len(steps)
+                and min(seconds) >= MIN_UNIX_TIME_S
+                and max(seconds) < MAX_UNIX_TIME_S
+                and MIN_NANOSECONDS < max(rest) < 1e9
+                and (steps == 0).any()
+                and (going > 0).all()
+            ):
+                yield k, k + 1
 
 
 def _find_unfit_names(above: list[str], usual: int) -> int:
@@ -458,7 +379,7 @@ def _find_unfit_names(above: list[str], usual: int) -> int:
         above: Its cells; empty where it is the header, or no separator shows what is a name.
         usual: Usual number of cells of a row.
     """
-    names = 1 < len(above) < usual and not any(map(_is_number, above))
+    names = 1 < len(above) < usual and not any(map(is_number, above))
     return len(above) if names else 0
 
 
@@ -499,70 +420,69 @@ def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], l
 def _has_pairs_of_numbers(line: str) -> bool:
     """Whether between two tabs of a line are two numbers, so that blanks separate them as well."""
     pairs = (cell.split() for cell in line.split("\t"))
-    return any(len(cells) > 1 and all(map(_is_number, cells)) for cells in pairs)
+    return any(len(cells) > 1 and all(map(is_number, cells)) for cells in pairs)
 
 
 def _find_header(
     rows: list[list[str]], wanted: Mapping[str, ColumnWanted]
 ) -> tuple[list[str], int]:
     """The names of the columns, empty without any, and the row at which numbers begin."""
+    names = {column.name.casefold() for column in wanted.values()}
+    known = [0 if is_number(row[0]) else len(names & _known_names(row)) for row in rows[:50]]
+    if any(known):
+        at = known.index(max(known))
+        below = list(takewhile(_is_without_numbers, rows[at + 1 : at + 1 + MAX_NAME_ROWS]))
+        units = next((each for each in below if _are_units(each)), [])
+        return _join_units(rows[at], units), at + 1 + len(below)
     for at, row in enumerate(rows[:50]):
-        known = {name for names in _name_columns(row) for name in names}
-        named = any(each.name.casefold() in known for each in wanted.values())
-        if named and not _is_number(row[0]):
-            return _join_units(row, rows[at + 1 :], at + 1)
-    for at, row in enumerate(rows[:50]):
-        if sum(_is_number(cell) or _is_time(cell) for cell in row) > sum(map(bool, row)) / 2:
+        if sum(is_number(cell) or is_time(cell) for cell in row) > sum(map(bool, row)) / 2:
             before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
-            if before and len(before) > 1 and _are_units(before[-1]):
-                return _join_units(before[-2], before[-1:], at)[0], at
-            return before[-1] if before and before[-1] == rows[at - 1] else [], at
+            if not before or before[-1] != rows[at - 1]:
+                return [], at
+            units = before.pop() if len(before) > 1 and _are_units(before[-1]) else []
+            last = reversed(before[-MAX_NAME_ROWS:])
+            return _join_units(max(last, key=_count_suggestions), units), at
     return [], 0
 
 
-def _join_units(header: list[str], rows: list[list[str]], at: int) -> tuple[list[str], int]:
-    """Names with the units that the first of some rows has, and the row at which numbers begin.
+def _is_without_numbers(row: list[str]) -> bool:
+    """Whether a row has several cells, and none is a number or a time."""
+    words = [cell for cell in row if cell.casefold() not in BLANK_CELLS]
+    return len(row) > 1 and bool(words) and not any(is_number(e) or is_time(e) for e in words)
+
+
+def _count_suggestions(header: list[str]) -> int:
+    """How many names of a header suggest a role."""
+    return sum(each is not None for each in suggest_kinds([split_unit(e)[0] for e in header]))
+
+
+def _join_units(header: list[str], units: list[str]) -> list[str]:
+    """Names with the units that a row of as many cells has.
 
     Args:
         header: The names.
-        rows: All rows behind them.
-        at: The index of the first of these in the text.
+        units: The cells of that row; empty without one.
     """
-    if not rows or len(rows[0]) != len(header) or not _are_units(rows[0]):
-        return header, at
-    units = [cell.strip("[]()") for cell in rows[0]]
-    known = [unit if _is_unit(unit) else "" for unit in units]
-    return [_with_unit(name, unit) for name, unit in zip(header, known, strict=True)], at + 1
+    if len(units) != len(header):
+        return header
+    words = [cell.strip("[]()") for cell in units]
+    known = [word if is_unit(word) else "" for word in words]
+    return [_with_unit(name, unit) for name, unit in zip(header, known, strict=True)]
 
 
 def _are_units(row: list[str]) -> bool:
     """Whether some cells are units, and none a number or a longer word."""
-    units = [cell.strip("[]()") for cell in row]
-    return any(map(_is_unit, units)) and all(
-        len(unit) < 5 and not _is_number(unit) for unit in units
+    words = [cell.strip("[]()") for cell in row]
+    return any(map(is_unit, words)) and all(
+        (len(word) < 5 or is_unit(word)) and not is_number(word) for word in words
     )
 
 
-def _is_unit(unit: str) -> bool:
-    """Whether a cell is a unit; a number alone, which is a factor elsewhere, is none."""
-    named = re.match(r"[^\W\d]|[°%]", unit) is not None
-    return named and any(unit_factor(unit, si) is not None for si in ROLE_UNITS.values())
+def _known_names(header: list[str]) -> set[str]:
+    """By which names columns may be wanted, in small letters."""
+    return set().union(*_name_columns(header))
 
 
 def _name_columns(header: list[str]) -> tuple[list[str], list[str]]:
     """The names of columns as they stand and without their units, in small letters."""
     return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
-
-
-def _is_time(cell: str) -> bool:
-    """Whether a cell is a date with a time, or a time of day."""
-    with suppress(ValueError):
-        return ":" in cell and math.isfinite(_parse_time(cell.casefold()))
-    return False
-
-
-def _is_number(cell: str) -> bool:
-    """Whether a cell is a number, with or without a unit, or a list of numbers in brackets."""
-    return NUMBER_WITH_UNIT.fullmatch(cell.strip("[]()")) is not None or bool(
-        LIST_CELL.fullmatch(cell)
-    )

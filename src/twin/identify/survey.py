@@ -13,6 +13,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
+from twin.identify.cells import are_times_of_day, describe_hexadecimal, parse_numbers
 from twin.identify.clocks import unwrap
 from twin.identify.column_names import COUNTER, Suggestion, suggest_kinds
 from twin.identify.log_columns import (
@@ -22,14 +23,16 @@ from twin.identify.log_columns import (
     ROW_NAME,
     unit_factor,
 )
-from twin.identify.log_tables import open_content, parse_numbers, split_content
+from twin.identify.log_tables import MIN_UNIX_TIME_S, open_content, split_content
 from twin.identify.samples import are_copies, find_noise
-from twin.run.logs import UNIT_SCALES, split_unit
 from twin.run.readers import ForeignTable
+from twin.run.units import OTHER_UNITS, UNIT_SCALES, plain_unit, split_unit
 
 NAME_UNITS = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us"}
 """Names that state the unit of their numbers."""
-UNIT_ENDING = re.compile(r"(?i)(.+?)(?:[_ ]in)?[_ ](s|ms|us|ns|m|mm|cm|rad|mrad|deg|°)")
+UNIT_ENDING = re.compile(
+    r"(?i)(.+?)(?:[_ ]in)?[_ ](m?s|[un]s|[mu]?sec|[mc]?m|m?rad|deg|degrees|grad|°)"
+)
 """A name that ends in its unit, as ``x_mm``."""
 TIME_STEPS = (("s", 1e-5, 0.5), ("ms", 0.5, 500.0), ("us", 500.0, 5e5), ("ns", 5e5, 5e8))
 """Unit of a time, and from and to which step of its numbers it is assumed."""
@@ -45,6 +48,8 @@ COUNTER_DISADVANTAGE = 1.5
 """What a column that counts rows lacks in weight: any column of times is better."""
 MIN_COUNTER_STEPS = 10
 """Least number of steps by which numbers are seen to count rows."""
+MAX_STEP_SPREAD = 0.5
+"""Standard deviation of steps, over the usual one, up to which numbers rise evenly."""
 RATE_BLANK = "RATEHz"
 """Unit of a time that only counts rows, until the rate of the rows stands there."""
 MAX_SMOOTH_RATIO = 0.1
@@ -64,6 +69,8 @@ class SurveyedColumn:
         values: Its numbers, NaN where there is none, shape (K,).
         clock: Times in s of its own, shape (K,); None if it has none.
         dated: Whether its cells are dates or times of day; the numbers are then seconds.
+        of_day: Whether its cells are times of day without a date.
+        said: What its cells are read as, where they are no usual numbers; else empty.
     """
 
     name: str
@@ -71,6 +78,8 @@ class SurveyedColumn:
     values: Array
     clock: Array | None
     dated: bool = False
+    of_day: bool = False
+    said: str = ""
 
     @property
     def range(self) -> str:
@@ -184,7 +193,17 @@ def survey(
         if np.isfinite(values).any():
             clock = clocks.get(k)
             dated = isinstance(raw, list) and ":" in next(filter(None, raw))
-            columns.append(SurveyedColumn(name or str(k + 1), unit or "", values, clock, dated))
+            columns.append(
+                SurveyedColumn(
+                    name or str(k + 1),
+                    unit or "",
+                    values,
+                    clock,
+                    dated,
+                    are_times_of_day(raw),
+                    describe_hexadecimal(raw),
+                )
+            )
     if not columns:
         raise LogError(f"{path.name}: no column time and no column of numbers: not a log")
     guesses, remarks = _leave_out_copies(_guess_roles(columns), columns)
@@ -199,8 +218,7 @@ def survey(
     elif "time" in found:
         guess = found["time"]
         (column,) = (each for each in columns if each.name == guess.column)
-        of_day = column.dated and float(np.nanmin(column.values)) < 86400
-        numbers, wraps = unwrap(column.values, of_day=of_day)
+        numbers, wraps = unwrap(column.values, of_day=column.of_day)
         factor = unit_factor(guess.unit or column.unit or "s", "s") or 1.0
         notes += _describe_times(guess.column, factor * numbers)
         if wraps:
@@ -210,6 +228,7 @@ def survey(
             "no column looks like a time: name one, or for rows at a constant rate give "
             f"time={ROW_NAME}:100Hz"
         )
+    notes += [f"{column.name}: {column.said}" for column in columns if column.said]
     names = [column.name for column in columns]
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
         notes.append(f"{names.count(name)} columns are called {name}: give their numbers")
@@ -266,17 +285,22 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
     A log with one position and one command is of one axis, whatever their names are.
     """
     names = [column.name for column in columns]
-    stems = [_split_ending(column.name)[0] for column in columns]
+    split = [_split_ending(column.name) for column in columns]
+    stems = [stem for stem, _ in split]
+    units = [column.unit or ending for column, (_, ending) in zip(columns, split, strict=True)]
     found: dict[str, tuple[float, RoleGuess]] = {}
+    stems = _number_behind_time(stems, columns)
     suggested = [
         COUNTER if (each is None or each.kind != "time") and _counts_by_one(column.values) else each
-        for column, each in zip(columns, suggest_kinds(stems), strict=True)
+        for column, each in zip(columns, suggest_kinds(stems, units), strict=True)
     ]
     values = {column.name: column for column in columns}
     for column, each in zip(columns, suggested, strict=True):
         if each is None or names.count(column.name) > 1 or "," in column.name:
             continue
         role, weight = _role_of(each)
+        if role != "time" and _rises_evenly(column.values):
+            continue
         alike = [
             other.values
             for other, own in zip(columns, suggested, strict=True)
@@ -293,14 +317,66 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
         )
         if weight > before or noisier:
             found[role] = weight, guess
-    first = columns[0]
-    unnamed = first.clock is None and (names[0] == "1" or first.dated)
-    if "time" not in found and unnamed and _rises(first.values, strictly=not first.dated):
-        unit, why = _unit_by_numbers("time", first.values)
-        found["time"] = 1.0, RoleGuess("time", first.name, unit, f"rises{why}")
+    if "time" not in found and (guess := _guess_time(columns, suggested, found)) is not None:
+        found["time"] = 1.0, guess
     if all(column.clock is not None for column in columns):
         found.pop("time", None)
     return [guess for _, guess in _sort_roles(_on_one_axis(found))]
+
+
+def _number_behind_time(stems: list[str], columns: list[SurveyedColumn]) -> list[str]:
+    """Names in which the columns of a matrix count from 1 behind one of times, which has none."""
+    timed = {
+        stem.removesuffix(".1")
+        for stem, column in zip(stems, columns, strict=True)
+        if stem.endswith(".1") and _rises_evenly(column.values)
+    }
+    shifted = []
+    for stem in stems:
+        matrix, _, number = stem.rpartition(".")
+        inside = matrix in timed and number.isdecimal()
+        shifted.append(
+            "" if inside and number == "1" else f"{matrix}.{int(number) - 1}" if inside else stem
+        )
+    return shifted
+
+
+def _guess_time(
+    columns: list[SurveyedColumn],
+    suggested: list[Suggestion | None],
+    found: dict[str, tuple[float, RoleGuess]],
+) -> RoleGuess | None:
+    """The first column that rises as a time does, of a name that suggests nothing else.
+
+    One that is called a counter has times since 1970. One of the matrix that has the ball's
+    position is preferred.
+
+    Args:
+        columns: All of them.
+        suggested: What each name suggests.
+        found: Guesses of other roles.
+    """
+    first = columns[0]
+    unnamed = first.clock is None and (first.name == "1" or first.dated)
+    if unnamed and _rises(first.values, strictly=not first.dated):
+        unit, why = _unit_by_numbers("time", first.values)
+        return RoleGuess("time", first.name, unit, f"rises{why}")
+    free = [
+        column
+        for column, each in zip(columns, suggested, strict=True)
+        if column.clock is None
+        and (each is None or (each.kind == "counter" and column.values[0] >= MIN_UNIX_TIME_S))
+        and [other.name for other in columns].count(column.name) == 1
+        and _rises_evenly(column.values)
+    ]
+    balls = [guess.column for role, (_, guess) in found.items() if ROLE_UNITS[role] == "m"]
+    matrices = {ball.rpartition(".")[0] for ball in balls if "." in ball}
+    free.sort(key=lambda column: column.name.rpartition(".")[0] not in matrices)
+    for column in free:
+        if not column.unit or unit_factor(column.unit, "s") is not None:
+            unit, why = ("", "") if column.unit else _unit_by_numbers("time", column.values)
+            return RoleGuess("time", column.name, unit, f"a guess: rises evenly in every row{why}")
+    return None
 
 
 def _is_smooth(column: SurveyedColumn, other: SurveyedColumn) -> bool:
@@ -308,6 +384,8 @@ def _is_smooth(column: SurveyedColumn, other: SurveyedColumn) -> bool:
     shares = []
     for each in (column, other):
         known = each.values[np.isfinite(each.values)]
+        if len(known) < MIN_COUNTER_STEPS:
+            return False
         shares.append(float(find_noise(known)) / max(float(np.std(known)), 1e-300))
     return shares[0] < MAX_SMOOTH_RATIO * shares[1]
 
@@ -363,7 +441,6 @@ def _guess(role: str, column: SurveyedColumn, each: Suggestion, alike: Array) ->
         each: What its name suggests.
         alike: Numbers of all columns of such names, which share a unit.
     """
-    si = ROLE_UNITS[role]
     if role == "time" and not _rises(column.values):
         return None
     if each.kind == "counter":
@@ -377,19 +454,44 @@ def _guess(role: str, column: SurveyedColumn, each: Suggestion, alike: Array) ->
     named = NAME_UNITS.get(stem.casefold(), ending.casefold())
     for unit, given, why in ((column.unit, "", "unit"), (named, named, "which states")):
         if unit:
-            if unit_factor(unit, si) is not None:
-                return RoleGuess(role, column.name, given, f"name, {why} {unit}")
-            counted = RoleGuess(role, column.name, "counts", f"name, {why} {unit}, no angle")
-            return counted if si == "rad" and unit not in LENGTH_UNITS else None
+            return _guess_by_unit(role, column.name, unit, given, f"name, {why} {unit}")
     values = column.values if role == "time" else alike
     unit, why = _unit_by_numbers(role, values, counts=each.counts)
     return RoleGuess(role, column.name, unit, f"name{why}")
+
+
+def _guess_by_unit(role: str, name: str, unit: str, given: str, why: str) -> RoleGuess | None:
+    """A column in a role by its unit, or None if that speaks against it.
+
+    Args:
+        role: One of ``ROLE_UNITS``.
+        name: The column.
+        unit: Its unit.
+        given: The unit that a command line has to give; empty where the header has it.
+        why: The reason, in words.
+    """
+    si = ROLE_UNITS[role]
+    if unit_factor(unit, si) is not None:
+        return RoleGuess(role, name, given, why)
+    if si == "m" and plain_unit(unit) in OTHER_UNITS:
+        return RoleGuess(role, name, "mm", f"{why}, no length: give the size of one, as 0.5mm")
+    if si == "rad" and unit not in LENGTH_UNITS:
+        return RoleGuess(role, name, "counts", f"{why}, no angle")
+    return None
 
 
 def _rises(time: Array, *, strictly: bool = False) -> bool:
     steps = np.diff(time[np.isfinite(time)])
     rising = steps > 0 if strictly else steps >= 0
     return bool((steps > 0).any()) and float(np.mean(rising)) >= MIN_RISING_SHARE
+
+
+def _rises_evenly(values: Array) -> bool:
+    """Whether numbers, shape (K,), rise from each to the next by about the same step."""
+    steps = np.diff(values[np.isfinite(values)])
+    if len(steps) < MIN_COUNTER_STEPS or not (steps > 0).all():
+        return False
+    return float(np.std(steps)) < MAX_STEP_SPREAD * float(np.median(steps))
 
 
 def _counts_by_one(values: Array, of_steps: Callable[[Mask], float] = np.all) -> bool:

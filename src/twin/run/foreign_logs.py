@@ -13,6 +13,7 @@ from twin.base.errors import LogError, TwinError, one_line
 from twin.base.foreign import kind_of, with_article
 from twin.run.bags import read_bag, read_mcap
 from twin.run.json_logs import read_json
+from twin.run.octave_logs import read_octave
 from twin.run.readers import (
     ForeignTable,
     read_arrow,
@@ -30,7 +31,6 @@ _UNPACK_ADVICE = "unpack it first"
 _SAVE_ADVICE = "save the sheet as CSV"
 CONVERSIONS_BY_KIND = {
     "Python pickle": _PICKLE_ADVICE,
-    "text file of Octave": "in Octave: load {name}; csvwrite('log.csv', [t x u]) with its names",
     "Excel file (.xls)": _SAVE_ADVICE,
     "OpenDocument file (.ods)": _SAVE_ADVICE,
     "ROS bag": "rostopic echo -b {name} -p /TOPIC > log.csv",
@@ -112,6 +112,7 @@ READERS_BY_KIND: dict[str, Callable[[Path], ForeignTable]] = {
     "LabVIEW file (.tdms)": read_tdms,
     "measurement file (.mf4)": read_mdf,
     "JSON file": read_json,
+    "text file of Octave": read_octave,
 }
 """Kind of a file to what reads it."""
 READABLE_SUFFIXES = (

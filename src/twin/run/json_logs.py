@@ -77,15 +77,29 @@ def _value(line: str) -> Any:
             raise ValueError(str(error)) from None
 
 
+LABEL_FIELDS = frozenset({"topic", "signal", "channel", "name", "metric", "sensor"})
+"""Fields of a row that say what its value is of, in small letters."""
+VALUE_FIELDS = frozenset({"data", "payload", "value", "message", "msg", "fields"})
+"""Fields of a row with that value, in small letters."""
+MIN_INDEXED_ROWS = 10
+"""Least number of rows of objects with one index: fewer are no log."""
+MAX_LABELS = 50
+"""Largest number of labels for which each has columns of its own."""
+
+
 def _columns(name: str, value: Any, depth: int) -> Iterator[tuple[str, Array | list[str]]]:
     """The columns of a value by their names."""
     if depth > MAX_DEPTH:
         return
     if isinstance(value, dict):
         if _is_split(value):
+            yield from _index(value.get("index"))
             yield from _rows(
                 name, [dict(zip(value["columns"], row, strict=False)) for row in value["data"]]
             )
+        elif (rows := _rows_by_index(value)) is not None:
+            yield from _index(list(rows))
+            yield from _rows(name, list(rows.values()))
         elif value and all(key.isdigit() and _is_scalar(each) for key, each in value.items()):
             yield from _columns(name, list(value.values()), depth)
         else:
@@ -102,9 +116,61 @@ def _columns(name: str, value: Any, depth: int) -> Iterator[tuple[str, Array | l
 
 def _rows(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Array | list[str]]]:
     """The columns of rows of named values, empty where a row has no such value."""
-    flat = [dict(_scalars(name, row, 0)) for row in rows]
+    flat = _by_label([dict(_scalars("", row, 0)) for row in rows])
     for key in dict.fromkeys(key for row in flat for key in row):
-        yield key, numbers_of(np.array([row.get(key) for row in flat], dtype=object))
+        yield (
+            f"{name}.{key}" if name else key,
+            numbers_of(np.array([row.get(key) for row in flat], dtype=object)),
+        )
+
+
+def _by_label(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows whose values are of what another field states, as ``topic``, with its name before them.
+
+    Those of others, and of one label alone, stay as they are.
+    """
+    fields = dict.fromkeys(key for row in rows for key in row)
+    label = next((key for key in fields if key.casefold() in LABEL_FIELDS), "")
+    labels = {row.get(label) for row in rows}
+    if not 2 <= len(labels) <= MAX_LABELS or not all(isinstance(each, str) for each in labels):
+        return rows
+    inner = {
+        key: rest
+        for key, (head, _, rest) in ((key, key.partition(".")) for key in fields)
+        if head.casefold() in VALUE_FIELDS
+    }
+    if not inner:
+        return rows
+
+    def named(row: dict[str, Any], key: str) -> str:
+        return "/".join(filter(None, (row[label], inner[key]))) if key in inner else key
+
+    return [{named(row, key): each for key, each in row.items() if key != label} for row in rows]
+
+
+def _index(values: Any) -> Iterator[tuple[str, Array | list[str]]]:
+    """The column of an index of pandas; none of one that only counts rows from 0."""
+    if not isinstance(values, list) or len(values) < 2 or not all(map(_is_scalar, values)):
+        return
+    cells = [str(each) for each in values]
+    if cells == [str(k) for k in range(len(values))]:
+        return
+    yield "index", numbers_of(np.array(values, dtype=object))
+
+
+def _rows_by_index(value: Mapping[str, Any]) -> dict[str, dict[str, Any]] | None:
+    """The rows of an object of columns, each an object by one index, or the other way round."""
+    inner = list(value.values())
+    if len(inner) < 2 or not all(isinstance(each, dict) and each for each in inner):
+        return None
+    keys = list(inner[0])
+    if max(len(keys), len(inner)) < MIN_INDEXED_ROWS or not all(
+        list(each) == keys and all(map(_is_scalar, each.values())) for each in inner
+    ):
+        return None
+    if len(keys) <= len(inner):
+        return dict(value)
+    return {key: {name: each[key] for name, each in value.items()} for key in keys}
 
 
 def _scalars(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:

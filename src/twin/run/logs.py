@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,21 +26,11 @@ from twin.run.metrics import Ending, Motion, Outcome
 from twin.run.opened import judged_as
 from twin.run.readers import ForeignTable
 from twin.run.record import CHANNELS, is_number, read_table
+from twin.run.units import UNIT_SCALES, plain_unit, split_unit
 from twin.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-UNIT_SCALES = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "inch": 0.0254},
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.radians(1)},
-    "1": {"1": 1.0, "": 1.0},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
-    "rad/s": {"rad/s": 1.0, "deg/s": math.radians(1)},
-    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": math.radians(1)},
-}
-"""SI unit to the units that a header may give instead, and their factors."""
 
 
 def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -> dict[str, Array]:
@@ -193,21 +182,10 @@ def scale(name: str, unit: str | None, known: str, source: str) -> float:
     if unit is None:
         return 1.0
     allowed = UNIT_SCALES[known]
-    if unit not in allowed:
+    if plain_unit(unit) not in allowed:
         listed = ", ".join(filter(None, allowed))
         raise LogError(f"{source}: {name}: unit '{shorten(unit)}'; known: {listed}")
-    return allowed[unit]
-
-
-def split_unit(header: str) -> tuple[str, str | None]:
-    """Name and unit of a header such as ``measured_x [mm]`` or ``X (mm)``; None without a unit."""
-    text = header.strip()
-    if text.endswith(("]", ")")):
-        since = max(text.rfind(bracket, 0, -1) for bracket in "])") + 1
-        begins = [at for bracket in "[(" if (at := text.find(bracket, since)) >= 0]
-        if begins:
-            return text[: min(begins)].strip(), text[min(begins) + 1 : -1].strip()
-    return text, None
+    return allowed[plain_unit(unit)]
 
 
 def _number(row: list[str], index: int, source: str, name: str, line: int) -> float:

@@ -26,6 +26,7 @@ from twin.base.finalisers import quiet_finalisers
 from twin.base.parts import extra
 from twin.run.files import JSON_VARIABLE, METADATA_KEY
 from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
+from twin.run.units import is_unit
 
 MAX_DEPTH = 6
 """Structures within structures that are read."""
@@ -221,7 +222,7 @@ def _check_bytes(unpacked: int, path: Path) -> None:
 
 
 def read_matlab(path: Path) -> ForeignTable:
-    """The columns of a MATLAB 5 file: arrays, structures, and Simulink's Structure With Time."""
+    """The columns of a MATLAB 5 file: arrays, structures, and those of Simulink and ControlDesk."""
     from scipy.io import loadmat  # noqa: PLC0415  heavy: loaded when needed
     from scipy.io.matlab import MatlabFunction, MatlabOpaque  # noqa: PLC0415
 
@@ -278,9 +279,10 @@ def _of_matlab(path: Path, values: Mapping[str, Any], opaque: list[str]) -> Fore
     columns: dict[str, Array | list[str]] = {}
     clocks: dict[str, Array] = {}
     units = values.get("units") if isinstance(values.get("units"), dict) else {}
+    stated: dict[str, str] = {}
     for name, value in values.items():
         if not (name in OWN_STRUCTS and units):
-            _take(columns, clocks, name, value)
+            _take(columns, clocks, stated, name, value)
     if opaque and not columns:
         name = opaque[0] if opaque[0] not in ("None", "") else "ts"
         raise LogError(f"{path.name}: {name} {OBJECT_ADVICE.format(name=name)}")
@@ -288,25 +290,60 @@ def _of_matlab(path: Path, values: Mapping[str, Any], opaque: list[str]) -> Fore
     named = {n: str(u) for n, u in (units or {}).items() if n in columns and str(u)}
     text = values.get(JSON_VARIABLE) if units else None
     metadata = _own_metadata(text) if isinstance(text, str) else {}
-    return ForeignTable(columns, named, metadata, clocks, tuple(notes))
+    return ForeignTable(columns, named | stated, metadata, clocks, tuple(notes))
 
 
 def _take(
-    columns: dict[str, Array | list[str]], clocks: dict[str, Array], name: str, value: Any
+    columns: dict[str, Array | list[str]],
+    clocks: dict[str, Array],
+    units: dict[str, str],
+    name: str,
+    value: Any,
 ) -> None:
-    """Add the columns of a variable of MATLAB, and their times."""
+    """Add the columns of a variable of MATLAB, their times and units."""
     if isinstance(value, dict):
         if "signals" in value:
             _take_signals(columns, clocks, name, value)
+        elif {"X", "Y"} <= value.keys() and _channels_of(value["Y"]):
+            _take_recording(columns, clocks, units, value)
         else:
             for part, inner in value.items():
-                _take(columns, clocks, f"{name}.{part}", inner)
+                _take(columns, clocks, units, f"{name}.{part}", inner)
     elif isinstance(value, list):
         for k, inner in enumerate(value, start=1):
             if isinstance(inner, dict | list):
-                _take(columns, clocks, f"{name}.{k}", inner)
+                _take(columns, clocks, units, f"{name}.{k}", inner)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         columns |= dict(split_matrix(name, value))
+
+
+def _channels_of(value: Any) -> list[dict[str, Any]]:
+    """The structures with a name and numbers in a part of a recording of ControlDesk."""
+    found = value if isinstance(value, list) else [value]
+    named = all(isinstance(each, dict) and {"Name", "Data"} <= each.keys() for each in found)
+    return [each for each in found if isinstance(each["Data"], np.ndarray)] if named else []
+
+
+def _take_recording(
+    columns: dict[str, Array | list[str]],
+    clocks: dict[str, Array],
+    units: dict[str, str],
+    value: Mapping[str, Any],
+) -> None:
+    """Add the channels of a recording of dSPACE ControlDesk by name, with their times and units."""
+    times = [np.ravel(each["Data"]).astype(float) for each in _channels_of(value["X"])]
+    for k, channel in enumerate(_channels_of(value["Y"]), start=1):
+        word = channel["Name"]
+        name = word if isinstance(word, str) and word.strip() else f"Y.{k}"
+        own = f"{name}.{k}" if name in columns else name
+        place = channel.get("XIndex")
+        at = int(place) - 1 if isinstance(place, int | float) else 0
+        for column, numbers in split_matrix(own, channel["Data"]):
+            columns[column] = numbers
+            if 0 <= at < len(times) and len(times[at]) == len(numbers):
+                clocks[column] = times[at]
+            if isinstance(unit := channel.get("Unit"), str) and unit.strip():
+                units[column] = unit.strip()
 
 
 def _take_signals(
@@ -437,19 +474,34 @@ def _of_book(path: Path, book: Any) -> ForeignTable:
             begins = next((k for k, row in enumerate(rows) if _is_numeric(row)), None)
             if begins is None:
                 continue
-            above = rows[begins - 1] if begins else []
+            above, stated = _names_of_sheet(rows[:begins])
             width = max(map(len, rows[begins:]))
             columns: dict[str, Array | list[str]] = {}
+            units: dict[str, str] = {}
             for k in range(width):
                 name = str(above[k]) if k < len(above) and above[k] is not None else str(k + 1)
                 cells = [_cell(row[k]) if k < len(row) else None for row in rows[begins:]]
                 columns[name] = numbers_of(np.array([*cells, None], dtype=object)[:-1])
+                if k < len(stated) and stated[k] is not None:
+                    units[name] = str(stated[k]).strip("[]() ")
             others = [each.title for each in book.worksheets if each is not sheet]
             notes = (f"read of sheet {sheet.title}, not of {', '.join(others)}",) if others else ()
-            return ForeignTable(columns, notes=notes)
+            return ForeignTable(columns, units, notes=notes)
     finally:
         book.close()
     raise LogError(f"{path.name}: no sheet has rows of numbers")
+
+
+def _names_of_sheet(rows: list[list[Any]]) -> tuple[list[Any], list[Any]]:
+    """The names and the units of columns, of the rows above the first numbers; empty without any.
+
+    Units have a row of their own, below the names, if each of its filled cells is one.
+    """
+    above, before = (rows[-1] if rows else []), (rows[-2] if len(rows) > 1 else [])
+    words = [str(cell).strip("[]() ") for cell in above if cell is not None]
+    if words and any(cell is not None for cell in before) and all(map(is_unit, words)):
+        return before, above
+    return above, []
 
 
 def _is_numeric(row: list[Any]) -> bool:
