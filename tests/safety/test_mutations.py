@@ -19,9 +19,10 @@ from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
+from twin.safety.fault_row import FaultRow
 from twin.safety.faults import CASE_GROUPS, CASES
 from twin.safety.limits import Stopper
-from twin.safety.trial import FaultRow, Trial
+from twin.safety.trial import Trial
 
 AT_START = CASE_GROUPS["at_start"]
 CASE = {case.name: case for case in CASES}

@@ -1,4 +1,4 @@
-"""`twin.safety.trial`: Who stopped a rig and when it stood, from motions written down here."""
+"""`twin.safety.reaction`: Who stopped a rig and when it stood, from motions written down here."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from twin.emulator.lockstep import PowerChange, TrueMotion
 from twin.emulator.power_stage import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE_FAULT, Power
 from twin.safety.limits import LEVEL_RAD, Stopper
-from twin.safety.trial import reaction
+from twin.safety.reaction import reaction
 
 ENABLED, QUICK, OFF = Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.SWITCH_ON_DISABLED
 TIME = np.arange(1.0, 3.0, 0.0005)

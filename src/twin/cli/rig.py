@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.bus_name import BusName
     from twin.emulator.virtual_bus import VirtualBus
-    from twin.safety.trial import FaultRow
+    from twin.safety.fault_row import FaultRow
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
 
@@ -342,7 +342,8 @@ def safety(
         shown_rows = [(each["name"], each["condition"] or "none", each["fault"]) for each in listed]
         show(listed, (Table("", heads, shown_rows, words=(0, 1, 2)),))
         return 0
-    from twin.safety.trial import failure_sheet, run_all
+    from twin.safety.fault_row import failure_sheet
+    from twin.safety.trial import run_all
 
     with progress("fault matrix", len(cases)) as advance:
         rows = run_all(processes or cores(), advance, cases)
@@ -367,7 +368,7 @@ def _write_sheet(out: Path, rows: Iterable[Iterable[object]]) -> None:
 
 
 def _table(rows: list[FaultRow]) -> Table:
-    from twin.safety.trial import FAULT_HEADINGS, cells
+    from twin.safety.fault_row import FAULT_HEADINGS, cells
 
     lines = [
         (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
