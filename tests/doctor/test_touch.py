@@ -9,7 +9,7 @@ from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.calibrate import fit_calibration, measure_touch, usual_points
 from twin.doctor.check import CheckStatus
-from twin.doctor.examine import check_calibration, touch
+from twin.doctor.lumio import check_calibration, touch
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import Protocol, ScreenLine
 from twin.scenario.rig import check_rig
