@@ -13,7 +13,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from own_board import example
 
-from twin.run.files import ROS2_TABLES
+from twin.run.exporters import ROS2_TABLES
 
 mcap = pytest.importorskip("mcap_ros2._dynamic", reason="the extra mcap is not installed")
 PARTS = "".join(f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2_TABLES["parts"].items())

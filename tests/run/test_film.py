@@ -14,7 +14,7 @@ from PIL import Image, ImageColor
 import ballplate as bp
 from twin.base.errors import RecordError
 from twin.run import film as film_module
-from twin.run.files import FILM_SUFFIXES
+from twin.run.exporters import FILM_SUFFIXES
 from twin.run.film import Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
 from twin.run.picture import RUN_COLOURS

@@ -12,8 +12,8 @@ from twin.base.errors import RecordError
 from twin.base.writing import write_json
 from twin.cli.runs import report as command
 from twin.devices.realtime import TimingLog
-from twin.run.files import INDICATOR_UNITS
 from twin.run.finished import Run, record_run, run
+from twin.run.indicators import INDICATOR_UNITS
 from twin.run.opened import open_run, open_runs
 from twin.run.tables import INDICATOR_LABELS, TIMING_NAMES
 from twin.scenario.load import check

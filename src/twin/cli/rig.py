@@ -35,7 +35,8 @@ from twin.cli.trace_report import node_tables, verdict_lines
 from twin.devices.akd import TRACE_FILE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
-from twin.run.files import export, run_folder
+from twin.run.exporters import export
+from twin.run.files import run_folder
 
 if TYPE_CHECKING:
     from twin.devices.akd.config import AkdConfig

@@ -41,16 +41,8 @@ from twin.cli.output import (
     show,
     show_titles,
 )
-from twin.run.files import (
-    FILM_SUFFIXES,
-    NEWEST_RUN,
-    check_no_scenario,
-    free,
-    is_last,
-    is_log,
-    last,
-    run_folder,
-)
+from twin.run.exporters import FILM_SUFFIXES
+from twin.run.files import NEWEST_RUN, check_no_scenario, free, is_last, is_log, last, run_folder
 
 if TYPE_CHECKING:
     from twin.run.finished import Run

@@ -30,8 +30,8 @@ from twin.lab.handed_in import copy_files, is_there, missing
 from twin.lab.process import ANSWER_NAME, AnswerProcess, OutOfTimeError, answering
 from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, load_function, measured_columns
 from twin.lab.words import words
-from twin.run.files import INDICATORS
 from twin.run.finished import Run, run
+from twin.run.indicators import INDICATORS
 from twin.run.tables import in_json
 from twin.scenario import Scenario
 from twin.study.schema import FamilyRig, Point, draw_rigs, read_family

@@ -25,8 +25,9 @@ from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.base.writing import why, write_folder, write_whole
 from twin.lab.words import words
-from twin.run.files import MOTION_INDICATORS, export, nearest_indicator
+from twin.run.exporters import export
 from twin.run.finished import run
+from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
 from twin.scenario import Scenario
 from twin.study.schema import Family, Point, draw_rigs, read_family
 from twin.study.work import Builder

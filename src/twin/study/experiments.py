@@ -26,7 +26,7 @@ from twin.base.errors import RecordError, ScenarioError, TwinError, one_line, pl
 from twin.base.jobs import JOBS_PER_PROCESS, cores, handed_out, pool, results
 from twin.base.parts import extra
 from twin.base.writing import write_whole
-from twin.run.files import MOTION_INDICATORS
+from twin.run.indicators import MOTION_INDICATORS
 from twin.run.record import unreadable_errors
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
 

@@ -21,8 +21,8 @@ from twin.base.data_file import read_toml
 from twin.base.errors import plural
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.base.writing import write_whole
-from twin.run.files import INDICATOR_UNITS
 from twin.run.finished import versions
+from twin.run.indicators import INDICATOR_UNITS
 from twin.run.picture import literal, style, styled_figure
 from twin.run.tables import INDICATOR_LABELS
 from twin.study.answers import NEGLIGIBLE_INDEX, Answer, Curve, SensitivityIndex, Spread

@@ -14,7 +14,7 @@ from controllers.arrays import Array
 from twin.base.errors import ScenarioError
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_model, check_named_once, read_model
-from twin.run.files import MOTION_INDICATORS, nearest_indicator
+from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
 
 
 class Parameter(Checked):

@@ -25,7 +25,7 @@ from controllers.catalog import left_alone, outside
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import model_path
 from twin.run.controller_building import build_controller, own_errors
-from twin.run.files import MOTION_INDICATORS
+from twin.run.indicators import MOTION_INDICATORS
 from twin.run.loop import alike, simulate
 from twin.run.metrics import Ending
 from twin.scenario import Scenario
@@ -500,7 +500,7 @@ def sources() -> list[Path]:
 
 
 RUN_MODULES = (
-    *("assemble", "controller_building", "loop", "metrics"),
+    *("assemble", "controller_building", "indicators", "loop", "metrics"),
     *("plants", "record", "rig_changes"),
 )
 """Modules of the room ``run`` that a run of a study executes."""
