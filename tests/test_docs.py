@@ -22,7 +22,8 @@ from twin.cli import ballplate
 from twin.cli.runs import new
 from twin.run.finished import run
 from twin.scenario import load
-from twin.scenario.load import check, read, resolve, setting
+from twin.scenario.load import check, read, resolve
+from twin.scenario.merging import setting
 from twin.scenario.variations import parse_variations, variants
 
 ROOT = Path(__file__).parent.parent

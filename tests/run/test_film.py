@@ -18,7 +18,8 @@ from twin.run.exporters import FILM_SUFFIXES
 from twin.run.film import Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
 from twin.run.picture import RUN_COLOURS
-from twin.scenario.load import check, load, put
+from twin.scenario.load import check, load
+from twin.scenario.merging import put
 
 BLUE = np.array(ImageColor.getrgb(RUN_COLOURS[0]))
 WHITE = (255, 255, 255)

@@ -209,7 +209,7 @@ def check_settings(texts: Iterable[str], option: str) -> None:
         ScenarioError: If one is not.
     """
     for text in texts:
-        from twin.scenario.load import setting
+        from twin.scenario.merging import setting
 
         setting(text, option)
 

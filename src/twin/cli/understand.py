@@ -427,7 +427,7 @@ def whatif(
     run = log_file(run)  # a wrong name is reported before anything heavy is imported
     options.check_settings(settings, "--set")
     if branches:
-        from twin.scenario.load import split_settings
+        from twin.scenario.merging import split_settings
 
         for branch in branches:
             options.check_settings(split_settings(branch), "--branch")

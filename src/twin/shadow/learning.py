@@ -28,7 +28,8 @@ from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.parameters import LEVELS
 from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, interpolate, prepare
 from twin.identify.windows import unknown_motion
-from twin.scenario.load import check, put
+from twin.scenario.load import check
+from twin.scenario.merging import put
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, OPEN_STD, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
     NO_EVIDENCE,

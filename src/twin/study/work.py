@@ -29,8 +29,9 @@ from twin.run.indicators import MOTION_INDICATORS
 from twin.run.loop import alike, simulate
 from twin.run.metrics import Ending
 from twin.scenario import Scenario
-from twin.scenario.load import check, resolve, setting, validate
+from twin.scenario.load import check, resolve, validate
 from twin.scenario.load import read as read_tables
+from twin.scenario.merging import setting
 from twin.scenario.schema import CATALOG_TABLES, at_study_step, checked_settings, choices
 from twin.study.schema import Point, Study, column, place_of
 
@@ -504,5 +505,5 @@ RUN_MODULES = (
     *("plants", "record", "rig_changes"),
 )
 """Modules of the room ``run`` that a run of a study executes."""
-SCENARIO_MODULES = ("changing", "load", "rig_tables", "schema")
+SCENARIO_MODULES = ("changing", "load", "merging", "rig_tables", "schema", "titles")
 """The same of the room ``scenario``."""

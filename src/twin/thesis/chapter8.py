@@ -33,7 +33,8 @@ from twin.run.loop import drive
 from twin.run.metrics import Ending, Motion, Outcome, measure
 from twin.run.plants import PlantKind, register
 from twin.run.record import Recorder
-from twin.scenario.load import check, laid_over, put
+from twin.scenario.load import check
+from twin.scenario.merging import merge_tables, put
 from twin.scenario.schema import Scenario
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.interface import Plant
@@ -124,7 +125,7 @@ class SimulatedRow:
             "plant.step": min(step, period) if mechanism else period,
             "rig.period": period,
         }
-        return check(put(laid_over(IDEAL_RIG, self.setup), settings.items()), self.name)
+        return check(put(merge_tables(IDEAL_RIG, self.setup), settings.items()), self.name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +163,7 @@ def tables() -> dict[str, SimulatedTable]:
                 "bands": entry.get("bands", (5.0,)),
                 "causes": {**content.get("causes", {}), **entry.get("causes", {})},
             }
-            setup = laid_over(content["setup"], entry.get("setup", {}))
+            setup = merge_tables(content["setup"], entry.get("setup", {}))
             found[entry["id"]] = SimulatedTable(
                 id=entry["id"],
                 title=entry["title"],
@@ -181,7 +182,7 @@ def _row(about: Mapping[str, Any], setup: Mapping[str, Any]) -> SimulatedRow:
         column: Disagreement(Reason(each["because"]), each["note"])
         for column, each in about.get("exceptions", {}).items()
     }
-    own = {"setup": laid_over(setup, about.get("setup", {})), "exceptions": exceptions}
+    own = {"setup": merge_tables(setup, about.get("setup", {})), "exceptions": exceptions}
     return SimulatedRow(**{**about, **own})
 
 
