@@ -17,7 +17,6 @@ from twin.scenario import load, shipped_scenarios
 from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 from twin.study.experiments import Store
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import THESIS_COLUMNS, read_stored
 from twin.thesis.chapter9 import (
     ROLLING_FRICTION_MM,
     best,
@@ -25,6 +24,7 @@ from twin.thesis.chapter9 import (
     predicting,
     rows,
 )
+from twin.thesis.columns import THESIS_COLUMNS, read_stored
 from twin.tune.cells import Runs, cells, read
 
 KEYS = {

@@ -41,7 +41,9 @@ from twin.run.files import RUNS_FOLDER, is_record, log_file, run_folder, run_nam
 if TYPE_CHECKING:
     from twin.identify.survey import Survey
     from twin.scenario import Scenario
-    from twin.thesis.chapter8 import Results, SimulatedTable, ThesisCell
+    from twin.thesis.chapter8 import ThesisCell
+    from twin.thesis.chapter8_runs import Results
+    from twin.thesis.chapter8_tables import SimulatedTable
     from twin.thesis.chapter9 import Row
     from twin.whatif.attribution import EffectCase, Explanation
 
@@ -563,13 +565,13 @@ def reproduce(tables: tuple[str, ...], processes: int | None) -> int:
     number, friction, and explains them by four, each table also by numbers fitted without it.
     """
     from twin.base.jobs import cores
-    from twin.thesis import chapter8, chapter9
+    from twin.thesis import chapter8, chapter8_runs, chapter8_tables, chapter9
 
     of_8, of_9 = _chapters(tables)
-    wanted = [chapter8.tables()[name] for name in of_8]
-    jobs = chapter8.plan(wanted)
+    wanted = [chapter8_tables.tables()[name] for name in of_8]
+    jobs = chapter8_runs.plan(wanted)
     with progress("reproducing", sum(job.cost for job in jobs)) as advance:
-        each = chapter8.row_results(jobs, processes, advance)
+        each = chapter8_runs.row_results(jobs, processes, advance)
         found: Results = {(one.place, one.way): one for one in each}
     cells = chapter8.compare(wanted, found)
     measured: list[Row] = []
@@ -590,9 +592,9 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
     Raises:
         ScenarioError: If there is no such table.
     """
-    from twin.thesis import chapter8, chapter9
+    from twin.thesis import chapter8_tables, chapter9
 
-    known = {"8": list(chapter8.tables()), "9": list(chapter9.tables())}
+    known = {"8": list(chapter8_tables.tables()), "9": list(chapter9.tables())}
     wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
     for name in sorted(wanted):
         if not any(name in tables for tables in known.values()):
@@ -606,7 +608,7 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
 
 def _chapter9_tables(rows: list[Row]) -> Iterator[Shown]:
     """The cells of chapter 9, thesis next to twin."""
-    from twin.thesis.chapter8 import THESIS_COLUMNS
+    from twin.thesis.columns import THESIS_COLUMNS
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
     lines = [
