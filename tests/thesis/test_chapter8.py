@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from docs import chapter8 as page
-from twin.cli.understand import reproduce
+from twin.cli.reproduce import reproduce
 from twin.run.controller_building import build_controller
 from twin.run.metrics import Motion
 from twin.thesis import chapter8_runs, chapter8_tables

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMode
 from controllers.references import Circle, Step
 from docs import chapter9 as page
-from twin.cli.understand import reproduce as command
+from twin.cli.reproduce import reproduce as command
 from twin.run.controller_building import build_controller
 from twin.scenario import load, shipped_scenarios
 from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
