@@ -13,7 +13,7 @@ from exported_files import READERS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from twin.cli.runs import export as command
+from twin.cli.see import export as command
 from twin.identify.logs import read
 from twin.run.exporters import export
 from twin.run.finished import record_run, run

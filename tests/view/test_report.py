@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from twin.base.errors import RecordError
 from twin.base.writing import write_json
-from twin.cli.runs import report as command
+from twin.cli.see import report as command
 from twin.devices.realtime import TimingLog
 from twin.run.finished import Run, record_run, run
 from twin.run.indicators import INDICATOR_UNITS
