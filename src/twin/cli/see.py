@@ -190,7 +190,7 @@ def report(runs: tuple[Path, ...], formats: list[str] | None, out: Path | None) 
 )
 @click.option("--from", "since", type=float, help="Start of the part shown, s [start of the run].")
 @click.option("--to", "until", type=float, help="End of the part shown, s [end of the run].")
-@click.option("--seconds", type=float, help="Its duration, s [that of the run].")
+@click.option("--seconds", type=float, help="Its duration, s [the whole run].")
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of an .fmu: version of FMI [2].")
@@ -326,5 +326,5 @@ def _export_scenario(
         kind |= {"real": real, "reference_inputs": reference}
         say(f"written to {controller_fmu(name, file, overrides, **kind)}")
     else:
-        say(f"written to {fmu(name, file, overrides, wished=reference, **kind)}")
+        say(f"written to {fmu(name, file, overrides, with_reference=reference, **kind)}")
     return 0

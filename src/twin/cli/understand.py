@@ -300,7 +300,7 @@ def shadow(
     states the ball of a CSV file with named columns, too; a run states its own.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
     identified ones: it learns then as with --learn). With --reference it is identified from LOG0,
-    and several logs are judged, each in a folder of its own. Writes shadow.html and shadow.json.
+    and several logs are compared, each in a folder of its own. Writes shadow.html and shadow.json.
     Exit code 1 after an alarm, or if a log differs from the reference from its start.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
@@ -308,7 +308,7 @@ def shadow(
     if reference is None and len(files) > 1:
         raise ScenarioError(f"{logs[1]}: several logs need --reference LOG0")
     if reference is not None and learn:
-        raise ScenarioError("--learn: not allowed with --reference, whose twin always learns")
+        raise ScenarioError("--learn: not allowed with --reference; its twin always learns")
     if len(set(names)) < len(names):
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
         raise ScenarioError(f"{same}: two logs have the same name; rename one")

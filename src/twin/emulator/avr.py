@@ -274,7 +274,7 @@ class PulsedPlate:
     A servo that gets no pulses keeps its last goal.
 
     Args:
-        scenario: Whose they are.
+        scenario: Of plate, ball and camera.
         neutral: Width in s of the pulse at which the plate is level.
         per_rad: Change of the width per plate angle, s/rad.
 

@@ -25,7 +25,7 @@ from twin.identify.verdicts import (
 )
 from twin.identify.weak_form import WEAK_FORM, WeakForm
 
-PLAIN_WHY = "by a plain model, whose variants its interval holds"
+PLAIN_WHY = "by a plain model; the interval holds its variants"
 """Reason of a verdict by windows of any motion."""
 ROLLING_WHY = (
     "by short windows of a ball that rolls in one direction; the interval holds several lengths of "

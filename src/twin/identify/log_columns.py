@@ -136,7 +136,7 @@ def _number_at_zero(role: str, text: str) -> float:
 def unit_factor(unit: str, si: str) -> float | None:
     """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none.
 
-    Of a time it may be the rate of what it counts, as ``100Hz``.
+    The unit of a time may be the rate of its counts, as ``100Hz``.
     """
     unit = unit.replace("°", "deg").replace("µ", "u")
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)

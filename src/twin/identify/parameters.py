@@ -84,7 +84,7 @@ def plain_parameter(name: str, unit: str, *, held: bool = True) -> IdentifiedPar
     Args:
         name: In ``PLAIN_PARAMETERS``, or ``delay``.
         unit: Unit of the tilt, of which the gain's unit is made.
-        held: Whether the tilt is a command; of a measured angle no experiment says to measure it.
+        held: Whether the tilt is a command; of a measured angle no experiment asks to measure it.
     """
     if name == "delay":
         return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag", floor=DELAY_FLOOR_S)

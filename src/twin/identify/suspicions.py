@@ -26,7 +26,7 @@ class Suspicion:
         unit_ratio: Largest ratio of a gain to the gain of a ball by which a unit is recognised.
         max_gain_half_width: Largest half-width of the interval of a gain by which a ball is named,
             as a share of the gain.
-        gain_tolerance: Share of a gain by which it may differ from that of a ball at least.
+        gain_tolerance: Share of a gain by which it may differ from the gain of a ball at least.
         exchanged_share: Share of the variance by which the other axis's command has to explain more
             than the axis's own.
     """

@@ -24,7 +24,7 @@ PREFIXES = tuple(
         rf"{_CLOCK} +(?=[^\s;,|].*[;,\t])",  # CoolTerm
         rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LEVEL}\]?:?(?: -)? "
         r"(?:[\w.]+:? )?",
-        r"[A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d \S+ [^\s:]+: ",  # syslog, whose times are whole s
+        r"[A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d \S+ [^\s:]+: ",  # syslog, times in whole s
         rf"\[{_LEVEL}\] \[(?P<seconds>\d+\.\d+)\](?: \[[^\]]*\])?:? ",  # ROS
         r"[DIWE] \((?P<millis>\d+)\) [\w.-]+: ",  # ESP32
         rf"{_LEVEL}:[\w.]*:\s*",  # Python, without a clock
@@ -85,7 +85,7 @@ def plain_lines(text: str) -> list[str]:
         lines = [line.strip().strip("|") for line in lines if not RULE.fullmatch(line)]
     if _most_are(lines, lambda line: SENTENCE.fullmatch(line) is not None):
         lines = [found[1] if (found := SENTENCE.fullmatch(line)) else line for line in lines]
-    if _most_are(lines, lambda line: _labelled(line) is not None):
+    if _most_are(lines, lambda line: _split_labels(line) is not None):
         return _without_names(lines)
     if _most_are(lines, _is_wrapped):
         lines = [found[1] if (found := WRAPPED.fullmatch(line)) else line for line in lines]
@@ -100,7 +100,7 @@ def _most_are(lines: list[str], is_one: Callable[[str], bool]) -> bool:
 
 
 def _with_clock(line: str, prefix: re.Pattern[str]) -> str:
-    """A line whose clock is a cell, in s where it is a number, without what else is before it."""
+    """A line with its clock as a cell, in s where it is a number, and nothing else before it."""
     found = prefix.fullmatch(line)
     if found is None:
         return line
@@ -115,7 +115,7 @@ def _with_clock(line: str, prefix: re.Pattern[str]) -> str:
     between = next((sign for sign in ";\t," if sign in rest), " ")
     if " " in clock and between == " ":
         rest, between = ";".join(rest.split()), ";"
-    if _labelled(rest) is not None:
+    if _split_labels(rest) is not None:
         try:
             return f"{RECEIVED_NAME}_s:{_seconds(clock)}{between}{rest}"
         except ValueError:  # a date that does not exist
@@ -209,7 +209,7 @@ def _join_values(lines: list[str]) -> list[str]:
     ]
 
 
-def _labelled(line: str) -> list[tuple[str, str]] | None:
+def _split_labels(line: str) -> list[tuple[str, str]] | None:
     """Names and numbers of a line that has nothing else; None of any other line."""
     found, at = [], 0
     while (cell := LABELLED.match(line, at)) is not None:
@@ -220,8 +220,8 @@ def _labelled(line: str) -> list[tuple[str, str]] | None:
 
 def _without_names(lines: list[str]) -> list[str]:
     """Lines of numbers behind a line of their names; a line without all of them is shorter."""
-    cells = [_labelled(line) or [] for line in lines]
-    while not cells[0]:  # what a board says before it measures
+    cells = [_split_labels(line) or [] for line in lines]
+    while not cells[0]:  # a board's messages before it measures
         del cells[0]
     usual = Counter(tuple(name for name, _ in each) for each in cells if each).most_common(1)[0][0]
     numbers = [

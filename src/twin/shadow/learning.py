@@ -63,7 +63,7 @@ differ beyond these (rolling relative, the noise as a logarithm, else SI), of ea
 TRACK_STEP_S = 0.04
 """Seconds between two places of a ball's track, by which motions are compared."""
 MAX_REFERENCE_SCORE = 2.5
-"""Median score of replays of a reference log above which its twin is not that of the rig: six rigs
+"""Median score of replays of a reference log above which its twin is of a different rig: six rigs
 of the family ``uncertain`` have 1.2 to 1.7, three other rigs under the thesis's twin 3.5 to 29."""
 SAME_MOTION_SHARE = 0.3
 """Distance of two tracks, in sizes of the motion, below which the motion is the same."""
@@ -131,7 +131,7 @@ def _on_screen(belief: Belief, percent: float) -> Belief:
 def fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, float]:
     """The twin put where a log puts it, and the logarithm of how likely that makes the log.
 
-    ``constant`` of the new twin is that of the old one and the fit's standard deviation together.
+    ``constant`` of the new twin is the old one's, with the fit's standard deviation added.
     """
     likelihood, covariance = 0.0, belief.uncertainty
     for _ in range(EXPANSION_ROUNDS):

@@ -272,7 +272,7 @@ def read(name: str | Mapping[str, Any], **given: Any) -> Study:
     stepped = any(each.continuous for each in found.parameters.values())
     if given.get("samples") and found.method == "grid" and not stepped:
         raise ScenarioError(
-            f"{source}: samples: has no effect on a grid of values, whose runs are all of them; "
+            f"{source}: samples: has no effect on a grid of values, which runs all of them; "
             "leave it out, or set seeds"
         )
     return found

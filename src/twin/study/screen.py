@@ -163,7 +163,7 @@ class Screen:
             )
         if study.method not in SCREENED_METHODS:
             raise ScenarioError(
-                f"screen: method must be {' or '.join(SCREENED_METHODS)}, whose points are drawn "
+                f"screen: method must be {' or '.join(SCREENED_METHODS)}, which draw points "
                 f"independently, got {study.method}"
             )
         for task in work.first_of_each_variant:

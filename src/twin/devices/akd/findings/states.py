@@ -176,7 +176,7 @@ def _mismatches(
 def _stretches(
     seen: Iterable[tuple[float, Held | None]],
 ) -> Iterator[tuple[float, float | None, Held]]:
-    """Where something stands: begin and end in s (None: to the end), and what it was at first.
+    """Where something stands: begin and end in s (None: to the end), and its first value.
 
     Args:
         seen: Times in s, and what stands from each on; None for nothing.
