@@ -99,7 +99,9 @@ def _check_fields(cls: type) -> None:
         NameError: If a type is not there.
     """
     hints = get_type_hints(cls)
-    for each in dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ():
+    if not dataclasses.is_dataclass(cls):
+        return
+    for each in dataclasses.fields(cls):
         if each.init and not _holds(hints[each.name]):
             kind = getattr(hints[each.name], "__name__", str(hints[each.name]))
             raise TypeError(

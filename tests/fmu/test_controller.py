@@ -76,7 +76,7 @@ def written(folder, *, fmi=2, bad=0, at=1.0, total=0.0, inputs=INPUTS, outputs=A
     subprocess.run([*made, "-o", library], check=True)
     causality = [*((each, "input") for each in inputs), *((each, "output") for each in outputs)]
     variables = "".join(
-        VARIABLE[fmi].format(name, what, i, 'start="0"' * (what == "input"))
+        VARIABLE[fmi].format(name, what, i, 'start="0"' if what == "input" else "")
         for i, (name, what) in enumerate(causality)
     )
     gives = "".join(GIVEN[fmi].format(i, i + 1) for i in range(len(inputs), len(causality)))

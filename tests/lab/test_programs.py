@@ -174,7 +174,7 @@ def test_a_program_that_cannot_be_begun_is_told_in_one_line(tmp_path) -> None:
         assert "\n" not in str(caught.value)
     for kind in ("function", "numbers"):
         with pytest.raises(ValueError, match="command: belongs to an answer of kind law or obs"):
-            AnswerTable(kind=kind, asked={"x": "m"}, function="f" * (kind == "function"),
+            AnswerTable(kind=kind, asked={"x": "m"}, function="f" if kind == "function" else "",
                         command=("node",))  # fmt: skip
 
 

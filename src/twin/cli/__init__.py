@@ -210,7 +210,9 @@ def _tell_what_is_executed() -> None:
 def _warn_of_broken_files() -> None:
     """Name the files of laws, observers and references that could not be imported."""
     catalog = sys.modules.get("controllers.catalog")
-    for line in catalog.broken_so_far() if catalog else ():
+    if catalog is None:
+        return
+    for line in catalog.broken_so_far():
         click.echo(f"ballplate: warning: not imported: {printable(line)}", err=True)
 
 

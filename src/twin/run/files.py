@@ -112,9 +112,10 @@ def last(root: Path = RUNS_FOLDER) -> Path:
     Raises:
         RecordError: If there is none.
     """
+    folders = list(root.iterdir()) if root.is_dir() else []
     times = {
         folder: max(file.stat().st_mtime_ns for file in files)
-        for folder in (root.iterdir() if root.is_dir() else ())
+        for folder in folders
         if (files := list(_records(folder)))
     }
     if not times:

@@ -202,14 +202,18 @@ def _merge_parameters(
         own, kind = tables["reference"], merged["reference"].get("kind")
         own = own if own.get("kind") == kind else {"kind": kind}
         cls: Any = schema.choices("reference")[kind]
-        known = {name: own.get(name, getattr(cls, name, None)) for name in cls.lengths}
-        lengths = known.items() if share < 1 else ()
-        smaller = {name: scale_lengths(value, share) for name, value in lengths if np.any(value)}
+        smaller = {}
+        if share < 1:
+            known = {name: own.get(name, getattr(cls, name, None)) for name in cls.lengths}
+            smaller = {
+                name: scale_lengths(value, share) for name, value in known.items() if np.any(value)
+            }
         found = copy.deepcopy(dict(tables)) | {"reference": {**own, **smaller}}
         start = found.get("plant", {}).get("start", {})
         start.update({key: scale_lengths(start[key], share) for key in start.keys() & set("xy")})
-        for key in ("y", "y_rate", "spin") if one_left else ():
-            start.pop(key, None)
+        if one_left:
+            for key in ("y", "y_rate", "spin"):
+                start.pop(key, None)
     except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError):
         return merged, 1.0, False  # the check of the tables reports the mistake
     return put(merge_tables(found, more), settings), share, one_left
@@ -338,7 +342,9 @@ def _check_changes(scenario: Scenario, source: str) -> None:
     if wrong := problem_of_changes(scenario):
         raise ScenarioError(f"{source}: {wrong}")
     for number, each in enumerate(scenario.change):
-        for share in (0.001, 0.999) if each.over else ():
+        if not each.over:
+            continue
+        for share in (0.001, 0.999):
             between = at_time(scenario, each.at + share * each.over)
             on_the_way = between.model_dump(mode="json", exclude={"change"})
             validate(Scenario, on_the_way, source, f"change.{number}: on the way: ")
@@ -378,7 +384,8 @@ def _catalog_beyond(model: type[BaseModel], table: str) -> BeyondModel:
         kinds = {f"{each}.kind": list(schema.choices(each)) for each in CATALOG_TABLES}
         return BeyondModel(keys=every_key(), values=kinds)
     having: dict[str, list[str]] = {}
-    for kind, cls in schema.choices(table).items() if table in CATALOG_TABLES else ():
+    kinds_of_table = schema.choices(table) if table in CATALOG_TABLES else {}
+    for kind, cls in kinds_of_table.items():
         for key in schema.settings_model(cls).model_fields:
             having.setdefault(key, []).append(kind)
     owners = {

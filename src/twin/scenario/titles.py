@@ -138,7 +138,9 @@ def _state_numbers(
         given = match[2]
         scale = 1000 if given == "mm" else 1
         stated = tuple(round(float(each) / scale, 9) for each in match[1].split(","))
-        for was, now in known if ("m" if given == "mm" else given) == unit else ():
+        if ("m" if given == "mm" else given) != unit:
+            return match[0]
+        for was, now in known:
             if stated != was and (len(stated) > 1 or {*was} - {0.0} != {*stated}):
                 continue
             alike = now[0] == now[1] or (0.0 in now and [*map(bool, now)] == [*map(bool, was)])
@@ -157,8 +159,9 @@ def _state_numbers(
 
     number = r"-?\d+\.?\d*"
     found = re.sub(rf"\(?((?:{number}, )?{number})\)? (mm|m|rad/s)\b", rewrite, title)
-    for wrong in directions if unit == "m" else ():
-        found = found.replace(wrong, "")
+    if unit == "m":
+        for wrong in directions:
+            found = found.replace(wrong, "")
     return found
 
 

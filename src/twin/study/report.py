@@ -340,12 +340,12 @@ def what_ran(work: Work) -> str:
     study = work.study
     steps = " and ".join(f"{1000 * step:g}" for step in sorted(work.steps))
     seeds, variants = study.seeds, len(study.compared)
+    alike = "Every variant had the same points and the same noise. " if variants > 1 else ""
     return (
         f"Scenario {study.scenario} ({', '.join(study.set) or 'as it is'}), method {study.method}: "
         f"{plural(len(work.design), 'point')}, {plural(seeds, 'seed')}, "
         f"{plural(variants, 'variant')}, {plural(len(work.tasks), 'run')}. "
-        f"{'Every variant had the same points and the same noise. ' * (variants > 1)}"
-        f"Physics step {steps} ms; docs/performance.md has the error of 2 ms."
+        f"{alike}Physics step {steps} ms; docs/performance.md has the error of 2 ms."
         f"{ENGINE_SENTENCES[study.engine]}"
     )
 

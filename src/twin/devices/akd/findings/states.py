@@ -86,7 +86,9 @@ def _next(axis: Axis, time: float, states: Sequence[DriveState]) -> float | None
 
 def find_ignored_commands(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Commands that an axis does not follow: it is in the wrong state, or something is missing."""
-    for axis in axes(trace) if trace.timed else ():
+    if not trace.timed:
+        return
+    for axis in axes(trace):
         for time, words, frame, end in _commands(axis, trace.duration):
             reached = _REACHED.get(words)
             begun, last = axis.span_at(time), axis.span_at(end)
@@ -131,7 +133,9 @@ def _between(axis: Axis, begin: float, end: float) -> Iterator[Span]:
 
 def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Axes that display a different mode of operation from the one given."""
-    for axis in axes(trace) if trace.timed else ():
+    if not trace.timed:
+        return
+    for axis in axes(trace):
         shown, given = (
             trace.observed.changes.get((axis.node, key_of_axis(index, axis.number)), [])
             for index in MODES
@@ -303,7 +307,9 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
 
 def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Set-points that are not acknowledged or not reached, and homing that does not end."""
-    for axis in axes(trace) if trace.timed else ():
+    if not trace.timed:
+        return
+    for axis in axes(trace):
         words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
         times = [each.time for each in words]
         starts = rising(axis.controls, NEW_SETPOINT)
