@@ -37,7 +37,7 @@ class Suspicion:
     exchanged_share: float = 0.3
 
 
-SUSPICION = Suspicion()
+SUSPICION_LIMITS = Suspicion()
 
 
 def describe_suspicions(
@@ -45,7 +45,7 @@ def describe_suspicions(
     units: Mapping[str, str],
     looks: Mapping[str, FirstLook | None],
     factor: float,
-    how: Suspicion = SUSPICION,
+    how: Suspicion = SUSPICION_LIMITS,
 ) -> Iterator[str]:
     """What is suspicious about a log, in sentences.
 
@@ -74,7 +74,7 @@ def describe_suspicions(
             )
 
 
-def are_axes_exchanged(logs: Mapping[str, AxisLog], how: Suspicion = SUSPICION) -> bool:
+def are_axes_exchanged(logs: Mapping[str, AxisLog], how: Suspicion = SUSPICION_LIMITS) -> bool:
     """Whether the ball follows along each axis the command of the other one, and not its own."""
     if set(logs) != set(AXIS_COLUMNS):
         return False

@@ -14,20 +14,20 @@ from datetime import UTC, datetime
 
 COMMENT_MARKS = ("#", "%", "//")
 _CLOCK = r"(?P<clock>(?:\d{4}-\d\d-\d\d[ T])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?)"
-_LEVEL = r"(?:DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)"
-PREFIXES = tuple(
+_LOG_LEVEL = r"(?:DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)"
+LINE_PREFIXES = tuple(
     re.compile(rf"\s*{prefix}(?P<rest>.*)")
     for prefix in (
         rf"{_CLOCK}\s*->\s?",  # Arduino
         rf"\[{_CLOCK}\]:?\s*",  # Tera Term
-        rf"{_CLOCK}(?: -)?(?: [\w.]+ -)? \[?{_LEVEL}\]?:?(?: -)? (?:[\w.]+: )?",  # Python
+        rf"{_CLOCK}(?: -)?(?: [\w.]+ -)? \[?{_LOG_LEVEL}\]?:?(?: -)? (?:[\w.]+: )?",  # Python
         rf"{_CLOCK} +(?=[^\s;,|].*[;,\t])",  # CoolTerm
-        rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LEVEL}\]?:?(?: -)? "
+        rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LOG_LEVEL}\]?:?(?: -)? "
         r"(?:[\w.]+:? )?",
         r"[A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d \S+ [^\s:]+: ",  # syslog, times in whole s
-        rf"\[{_LEVEL}\] \[(?P<seconds>\d+\.\d+)\](?: \[[^\]]*\])?:? ",  # ROS
+        rf"\[{_LOG_LEVEL}\] \[(?P<seconds>\d+\.\d+)\](?: \[[^\]]*\])?:? ",  # ROS
         r"[DIWE] \((?P<millis>\d+)\) [\w.-]+: ",  # ESP32
-        rf"{_LEVEL}:[\w.]*:\s*",  # Python, without a clock
+        rf"{_LOG_LEVEL}:[\w.]*:\s*",  # Python, without a clock
     )
 )
 """What stands before the cells of a line: a clock, a level, a name."""
@@ -45,20 +45,20 @@ SEPARATE_UNIT = re.compile(
     r"(?<=\w)\s+(?=(?:\[[^\W\d]\S*\]|\([^\W\d]\S*\)|[\[(][°%][\])])(?:\s|$))"
 )
 """Blanks between a name and its unit in brackets."""
-BARRED = re.compile(r"\s*\|.*\|\s*")
+BARRED_ROW = re.compile(r"\s*\|.*\|\s*")
 """A row of a table drawn with bars."""
-RULE = re.compile(r"[-+|:=\s]*-[-+|:=\s]*")
+RULED_LINE = re.compile(r"[-+|:=\s]*-[-+|:=\s]*")
 """A line drawn in such a table."""
-LABELLED = re.compile(
+LABELLED_CELL = re.compile(
     r"[\s,;|]*[\"']?([A-Za-z_µ°][\w ./µ°\[\]()-]*?)[\"']?\s*[:=]\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
     r"\s*(?=$|[\s,;|])"
 )
 """A cell with its name before it."""
 TERMINAL_CODE = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 """What colours or moves the text of a terminal."""
-SENTENCE = re.compile(r"\s*\$([^*]*)\*[0-9A-Fa-f]{2}\s*")
+CHECKED_SENTENCE = re.compile(r"\s*\$([^*]*)\*[0-9A-Fa-f]{2}\s*")
 """A line with a check sum, as of NMEA 0183."""
-WRAPPED = re.compile(r"\s*(?:b['\"])?[\[({<]?(.*?)[\])}>]?;?(?:(?:\\r)?(?:\\n)?['\"])?\s*")
+PRINTED_LIST = re.compile(r"\s*(?:b['\"])?[\[({<]?(.*?)[\])}>]?;?(?:(?:\\r)?(?:\\n)?['\"])?\s*")
 """A line as Python prints a list, a tuple or bytes."""
 MOST_LINES_SHARE = 0.8
 """Share of the lines above which they are all taken to be of a form."""
@@ -77,18 +77,20 @@ def plain_lines(text: str) -> list[str]:
         return list(_read_labview(lines))
     if _most_are(lines, lambda line: ONE_VALUE.fullmatch(line) is not None):
         return _join_values(lines)
-    for prefix in PREFIXES:
+    for prefix in LINE_PREFIXES:
         if _most_are(lines, lambda line: prefix.fullmatch(line) is not None):  # noqa: B023
             lines = [_with_clock(line, prefix) for line in lines]
             break
-    if _most_are(lines, lambda line: BARRED.fullmatch(line) is not None):
-        lines = [line.strip().strip("|") for line in lines if not RULE.fullmatch(line)]
-    if _most_are(lines, lambda line: SENTENCE.fullmatch(line) is not None):
-        lines = [found[1] if (found := SENTENCE.fullmatch(line)) else line for line in lines]
+    if _most_are(lines, lambda line: BARRED_ROW.fullmatch(line) is not None):
+        lines = [line.strip().strip("|") for line in lines if not RULED_LINE.fullmatch(line)]
+    if _most_are(lines, lambda line: CHECKED_SENTENCE.fullmatch(line) is not None):
+        lines = [
+            found[1] if (found := CHECKED_SENTENCE.fullmatch(line)) else line for line in lines
+        ]
     if _most_are(lines, lambda line: _split_labels(line) is not None):
         return _without_names(lines)
     if _most_are(lines, _is_wrapped):
-        lines = [found[1] if (found := WRAPPED.fullmatch(line)) else line for line in lines]
+        lines = [found[1] if (found := PRINTED_LIST.fullmatch(line)) else line for line in lines]
     return _without_comments(lines)
 
 
@@ -212,7 +214,7 @@ def _join_values(lines: list[str]) -> list[str]:
 def _split_labels(line: str) -> list[tuple[str, str]] | None:
     """Names and numbers of a line that has nothing else; None of any other line."""
     found, at = [], 0
-    while (cell := LABELLED.match(line, at)) is not None:
+    while (cell := LABELLED_CELL.match(line, at)) is not None:
         found.append((cell[1].strip(), cell[2]))
         at = cell.end()
     return found if found and not line[at:].strip(" ,;|\t\r") else None

@@ -25,7 +25,7 @@ from controllers.arrays import Array
 from twin.base.data_file import read_toml
 from twin.identify.logs import Log
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
-from twin.identify.parameters import LEVELS
+from twin.identify.parameters import LEVEL_PARAMETERS
 from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, interpolate, prepare
 from twin.identify.windows import unknown_motion
 from twin.scenario.load import check
@@ -42,7 +42,7 @@ from twin.shadow.evidence import (
 )
 from twin.shadow.plate import PLAY_WIDTHS_RAD, plate_evidence
 
-DEG = float(np.degrees(1.0))
+DEG_PER_RAD = float(np.degrees(1.0))
 """Degrees in a radian."""
 LEARNING_S = 20.0
 """Seconds from which a twin learns."""
@@ -83,7 +83,11 @@ PARAMETER_LABELS = {
 """Parameters that are compared, in words."""
 SHOWN_LIMITS = ("rolling", "delay", "level_phi", "gain")
 """Parameters of which the smallest change that would be seen is reported."""
-SHOWN_VALUES = {"rolling": (1e3, "mm"), "level_phi": (DEG, "deg"), "level_theta": (DEG, "deg")}
+SHOWN_VALUES = {
+    "rolling": (1e3, "mm"),
+    "level_phi": (DEG_PER_RAD, "deg"),
+    "level_theta": (DEG_PER_RAD, "deg"),
+}
 """Parameters of which the values are shown, not only the change: factor to their unit, unit."""
 
 
@@ -158,7 +162,9 @@ def fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, f
 def taught(before: Belief, after: Belief) -> str:
     """Describe what a twin has learned, in a sentence."""
     old, new = before.values, after.values
-    levels = np.degrees([new[name] - old[name] for name in LEVELS[: after.scenario.plant.axes]])
+    levels = np.degrees(
+        [new[name] - old[name] for name in LEVEL_PARAMETERS[: after.scenario.plant.axes]]
+    )
     level = " and ".join(f"{each:+.2f}" for each in levels)
     return (
         f"The first {LEARNING_S:g} s moved the twin to this log (rolling "
@@ -350,7 +356,7 @@ def compare_with_reference(
     old, new = _compared_values(belief), _compared_values(found)
     differences = []
     for name in COMPARED_PARAMETERS:
-        if name in LEVELS[belief.scenario.plant.axes :]:
+        if name in LEVEL_PARAMETERS[belief.scenario.plant.axes :]:
             continue
         at = WATCHED_PARAMETERS.index(name)
         unit = old[name] if name == "rolling" else 1.0

@@ -31,6 +31,7 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.protocol import (
     AKD_VENDOR_ID,
+    AT_EVERY_SYNC,
     PDO_INVALID,
     RPM_RAD_S,
     DriveState,
@@ -38,8 +39,6 @@ from twin.devices.akd.protocol import (
     table,
 )
 
-AT_EVERY_SYNC = 1
-"""Transmission type of a PDO that is exchanged at every SYNC."""
 FIRST_TRANSMIT = 0x1800
 """Index of the parameters of the first PDO that a drive sends."""
 

@@ -210,7 +210,7 @@ _ISLAND_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 
 _ZERO_CONSTANT = constant(0.0)
 
-BALL = (0, 1, 4, 5)
+BALL_COLUMNS = (0, 1, 4, 5)
 """Columns of (x, x', y, y') in the state."""
 
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -400,13 +400,13 @@ class Mechanism:
 
     def _step(self, steps: int) -> None:
         walls = self._walls
-        if walls is None or not walls.near(self.state[:, BALL].T, steps * self.step).any():
+        if walls is None or not walls.near(self.state[:, BALL_COLUMNS].T, steps * self.step).any():
             self._roll(steps)
             return
         for _ in range(steps):
-            before = self.state[:, BALL].T
+            before = self.state[:, BALL_COLUMNS].T
             self._roll(1)
-            after = self.state[:, BALL].T
+            after = self.state[:, BALL_COLUMNS].T
             met = walls.met(after[0], after[2])
             if met.any():
                 stopped = np.array(walls.rebound(self.step, before, after))
