@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from twin.devices.akd.axis import Axis, AxisRequest
-from twin.devices.akd.bringup import Remote
+from twin.devices.akd.remote import Remote
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
