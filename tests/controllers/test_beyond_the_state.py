@@ -24,7 +24,7 @@ from twin.run.controller_building import build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder, write_run
 from twin.scenario import load
-from twin.scenario.load import clean
+from twin.scenario.derived import clean
 
 T = 0.002
 CURE = ("observer.kind=friction_kalman", "controller.kind=stable_inversion")

@@ -24,7 +24,8 @@ from twin.run.record import Recorder
 from twin.run.rig_changes import RigChanges
 from twin.run.state import Snapshot
 from twin.scenario.changing import at_time
-from twin.scenario.load import check, clean
+from twin.scenario.derived import clean
+from twin.scenario.load import check
 from twin.scenario.merging import put
 from twin.scenario.schema import (
     CONTROL_TABLES,
