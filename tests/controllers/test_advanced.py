@@ -30,7 +30,7 @@ from controllers.stable_inversion import MotionPlan, StableInversion
 MODEL = BallPlate()
 
 
-def told(t, x, path, plan):
+def feedback_of(t, x, path, plan):
     """All that a law may act on of an observer that knows the state and no more."""
     none, still = np.zeros((len(x), 0)), np.zeros((len(x), 2))
     return Feedback(t, x, x, none, still, still, path, none, plan)
@@ -111,7 +111,7 @@ def laps(law, path, count):
     for tick in range(count * LAP):
         t = tick * TICK
         errors.append(x[0, 0::4] - path(t)[0])
-        u = law.command(told(t, x, path, plan))
+        u = law.command(feedback_of(t, x, path, plan))
         turn = OMEGA * t
         force = 0.1 * np.array([[np.cos(turn) + 0.5 * np.sin(3 * turn), np.sin(2 * turn)]])
         x = x @ Ad.T + np.hstack((u, force)) @ Bd.T
@@ -156,7 +156,7 @@ T = 0.002
 
 def commands(law, path, x, ticks):
     plan = law.start(0 * x, path, T)
-    return np.array([law.command(told(k * T, x, path, plan)) for k in range(ticks)])
+    return np.array([law.command(feedback_of(k * T, x, path, plan)) for k in range(ticks)])
 
 
 @pytest.mark.parametrize("horizon", [0.1, 0.8])
@@ -259,7 +259,7 @@ def test_on_its_path_it_asks_for_the_motion_of_ball_and_plate():
         x = np.zeros((1, 8))
         x[:, 0::4], x[:, 1::4] = wanted.position, wanted.velocity
         x[:, 2::4], x[:, 3::4] = TILT_SIGN * wanted.slope.angle, TILT_SIGN * wanted.slope.rate
-        u = law.command(told(tick * T, x, path, plan))
+        u = law.command(feedback_of(tick * T, x, path, plan))
         np.testing.assert_allclose(u, TILT_SIGN * wanted.slope.acceleration, atol=2e-3)
 
 

@@ -60,7 +60,7 @@ def no_watch():
     return together(*(patch(f"twin.devices.akd.{m}.monitoring", lambda _: 0) for m in modules))
 
 
-def made(cls, change):
+def change_new_objects(cls, change):
     """Objects of a class, changed as soon as they are made."""
     make = cls.__init__
 
@@ -73,7 +73,9 @@ def made(cls, change):
 
 def bounds(change):
     """Supervisors with other bounds."""
-    return made(Supervisor, lambda self: setattr(self, "_bounds", change(self._bounds)))
+    return change_new_objects(
+        Supervisor, lambda self: setattr(self, "_bounds", change(self._bounds))
+    )
 
 
 def without_bound(at):
@@ -157,7 +159,7 @@ MUTATIONS = {
     ),
     "half of the braking way": (
         named("The controller asks for the fastest turn for good"),
-        lambda: made(Clamp, half_the_way),
+        lambda: change_new_objects(Clamp, half_the_way),
     ),
     "ball speed along x only": (
         named("The ball is pushed too fast along y"),

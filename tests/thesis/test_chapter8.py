@@ -231,7 +231,7 @@ def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(mo
     assert all(ends["sampled"].values.values())
 
 
-def judged(column, x, bands=(5.0,)):
+def evaluate_column(column, x, bands=(5.0,)):
     """What a column comes to for a run along x, by default from 0 to 1 s."""
     zeros = np.zeros((len(x), 2))
     motion = Motion(
@@ -247,19 +247,19 @@ def judged(column, x, bands=(5.0,)):
 
 
 def test_the_overshoot_is_relative_to_the_value_at_the_end():
-    assert judged("overshoot", np.array([0.0, 0.5, 1.2, 0.8])) == pytest.approx([50.0])
+    assert evaluate_column("overshoot", np.array([0.0, 0.5, 1.2, 0.8])) == pytest.approx([50.0])
 
 
 def test_settling_times_are_read_with_three_bands_and_end_with_the_run():
     x = 1 - np.exp(-4 * np.linspace(0, 1, 1001))
     expected = [-np.log(0.05) / 4, 1.0, -np.log(0.1) / 4]  # exp(-4) is more than 1 %
-    assert judged("t_ss", x, (5.0, 1.0, 10.0)) == pytest.approx(expected, abs=1.1e-3)
+    assert evaluate_column("t_ss", x, (5.0, 1.0, 10.0)) == pytest.approx(expected, abs=1.1e-3)
 
 
 def test_the_average_errors_are_root_mean_squares():
     x = 1 - np.sin(2 * np.pi * np.linspace(0, 1, 1001)[:-1])
-    assert judged("rms_error", x) == pytest.approx([np.sqrt(0.5)])
-    assert judged("x4_error", x) == pytest.approx([3.0])
+    assert evaluate_column("rms_error", x) == pytest.approx([np.sqrt(0.5)])
+    assert evaluate_column("x4_error", x) == pytest.approx([3.0])
 
 
 @pytest.mark.parametrize(
