@@ -215,8 +215,8 @@ class ControllerChoice(Choice):
     """A law, how often it is evaluated, and for which ball it is designed."""
 
     period: Positive | None = None
-    """Control period of the law in s, a multiple of rig.period: its command is held between; that
-    of the rig if none is given."""
+    """Control period of the law in s, a multiple of rig.period: its command is held between;
+    none: the rig's period."""
     computing_time: NotNegative | Literal["measured"] = 0.0
     """How long a command is computed in s, or "measured" for its time on this computer. A command
     that takes longer than rig.period is applied that many periods later; the one before is held
