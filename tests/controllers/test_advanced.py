@@ -1,4 +1,4 @@
-"""`controllers.advanced`: Laws beyond the thesis, each against its own equations."""
+"""`controllers`: Laws beyond the thesis, each against its own equations."""
 
 import math
 import sys
@@ -10,22 +10,14 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 from scipy.optimize import minimize
 
-from controllers.advanced import (
-    GAIN_KNOT_S,
-    GAINS_PER_SWEEP,
-    MAX_SOLVER_ITERATIONS,
-    InternalModel,
-    IterativeLearning,
-    Predictive,
-    Program,
-    TimeVaryingLQR,
-    along,
-)
 from controllers.ballplate import TILT_SIGN, BallPlate
 from controllers.design import sample
 from controllers.interfaces import Feedback
+from controllers.predictive import MAX_SOLVER_ITERATIONS, Predictive, Program
 from controllers.references import Circle, Hold, Sine
+from controllers.repetition import InternalModel, IterativeLearning
 from controllers.stable_inversion import MotionPlan, StableInversion
+from controllers.time_varying import GAIN_KNOT_S, GAINS_PER_SWEEP, TimeVaryingLQR, along
 
 MODEL = BallPlate()
 
