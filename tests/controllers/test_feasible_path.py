@@ -13,7 +13,8 @@ from controllers.feasible_path import PATH_SHAPING, FeasiblePath, PathShaping
 from controllers.interfaces import Reference
 from controllers.per_rig import PerRigReference
 from controllers.preview import Preview
-from controllers.references import Circle, Lissajous, Path, Setpoints, Sine, Transition
+from controllers.references import Circle, Lissajous, Path, Sine, Transition
+from controllers.setpoints import Setpoints
 from controllers.stable_inversion import StableInversion
 from twin.view.summary import describe_run
 

@@ -13,7 +13,8 @@ from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Law, Measurement, Reference
 from controllers.per_rig import SampledReference
-from controllers.references import ALONG_X, AlongX, Setpoints
+from controllers.references import ALONG_X, AlongX
+from controllers.setpoints import Setpoints
 from twin.base.errors import ScenarioError
 from twin.hal.rig import Entry
 from twin.run.assemble import assemble
