@@ -166,7 +166,7 @@ class Row(NamedTuple):
     @property
     def figure(self) -> str:
         """The ratio in words."""
-        return f"{self.what}, times that of commit {COMMIT}"
+        return f"{self.what}, relative to commit {COMMIT}"
 
 
 MECHANISM, EXACT = "plant.kind=mujoco", "plant.kind=lagrange"

@@ -36,6 +36,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 
 import controllers
+from controllers import LAWS_CLOSED_VARIABLE
 from controllers.arrays import Array
 from controllers.interfaces import ControlLaw, Law, Observer, Reference
 
@@ -46,8 +47,6 @@ _SETTING_TYPES = (bool, int, float, complex, str, PurePath, Enum, tuple, list, d
 CONTROLLER_ENTRY_POINTS = "ballplate.controllers"
 LAWS_FOLDER = "laws"
 """Folder of the working folder; laws in its files are part of the catalog."""
-LAWS_CLOSED_VARIABLE = "BALLPLATE_LAWS_CLOSED"
-"""Environment variable that leaves the files of that folder alone, here and in child processes."""
 EXECUTION_LOG = logging.getLogger("ballplate.executes")
 """Logs each file of other authors before this program runs it."""
 ADDED_FILES_VARIABLE = "BALLPLATE_LAWS"
@@ -99,7 +98,9 @@ def _check_fields(cls: type) -> None:
         NameError: If a type is not there.
     """
     hints = get_type_hints(cls)
-    for each in dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ():
+    if not dataclasses.is_dataclass(cls):
+        return
+    for each in dataclasses.fields(cls):
         if each.init and not _holds(hints[each.name]):
             kind = getattr(hints[each.name], "__name__", str(hints[each.name]))
             raise TypeError(

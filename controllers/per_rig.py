@@ -232,7 +232,9 @@ class PerRigObserver(Observer):
     def further(self) -> Array:
         """Quantities that the observers know beyond the state, shape (N, knows), or NaN."""
         found = np.full((len(self.x), len(self.knows)), np.nan)
-        for own, observer in self.groups.each if self.knows else ():
+        if not self.knows:
+            return found
+        for own, observer in self.groups.each:
             for quantity, values in zip(
                 observer.knows, np.moveaxis(observer.further, -1, 0), strict=True
             ):

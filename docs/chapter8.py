@@ -25,7 +25,10 @@ from twin.base.page import markdown
 from twin.base.writing import write_whole
 from twin.run.picture import REFERENCE_STYLE, RUN_COLOURS
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import THESIS_COLUMNS, Results, SimulatedTable, ThesisCell
+from twin.thesis.chapter8 import ThesisCell
+from twin.thesis.chapter8_runs import Results, plan, row_results
+from twin.thesis.chapter8_tables import SimulatedTable, tables
+from twin.thesis.columns import THESIS_COLUMNS
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""
@@ -249,8 +252,8 @@ def _of(table: SimulatedTable, cells: Sequence[ThesisCell]) -> list[ThesisCell]:
 
 def main() -> None:
     """Compute all tables and write the page."""
-    wanted = list(chapter8.tables().values())
-    results = chapter8.row_results(chapter8.plan(wanted))
+    wanted = list(tables().values())
+    results = row_results(plan(wanted))
     found = {(one.place, one.way): one for one in results}
     write_doc(
         Path(__file__).parent / "reproduction.md", wanted, chapter8.compare(wanted, found), found

@@ -22,8 +22,8 @@ from docs.pages import HERE, filled, said
 from twin.base.jobs import cores
 from twin.base.writing import write_json, write_whole
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import THESIS_COLUMNS, read_stored
 from twin.thesis.chapter9 import Row
+from twin.thesis.columns import THESIS_COLUMNS, read_stored
 from twin.tune.cells import cells as numbers_of
 from twin.tune.cells import read
 

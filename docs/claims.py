@@ -22,7 +22,8 @@ from docs.pages import HERE, filled, write
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.scenario import Scenario
-from twin.scenario.load import clean, load
+from twin.scenario.derived import clean
+from twin.scenario.load import load
 
 MODEL = BallPlate()
 X = x1, x2, x3, x4, x5, x6, x7, x8 = sp.symbols("x1:9")

@@ -87,8 +87,8 @@ def simulated(runs: list[Any], judged: str) -> list[float | None]:
     rig, controller = assemble(runs, threads=1)
     channels = ("state", "applied")
     made = driven(rig, controller, runs[0].duration, channels=channels, every=EVERY)
-    record, wished, finished = made
-    motions = [Motion.of(record, wished[:, number], number) for number in range(len(runs))]
+    record, desired, finished = made
+    motions = [Motion.of(record, desired[:, number], number) for number in range(len(runs))]
     rows = zip(runs, motions, finished, strict=True)
     return [judge(each, run.metrics.start, judged) if good else None for run, each, good in rows]
 

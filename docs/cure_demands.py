@@ -186,8 +186,8 @@ def simulated(runs: list[Run], law: list[str], family: bool) -> list[list[float 
             push(rig, np.where(struck_now[:, None], blows, 0.0))
 
     made = driven(rig, controller, asked[0].duration, keep=struck, every=EVERY)
-    record, wished, finished = made
-    away = np.hypot(*np.moveaxis(record["state"][..., 0::4] - wished, -1, 0))
+    record, desired, finished = made
+    away = np.hypot(*np.moveaxis(record["state"][..., 0::4] - desired, -1, 0))
     found: list[list[float | None]] = []
     for number, good in enumerate(finished):
         far = away[record.time >= rig.period * ticks[number], number]

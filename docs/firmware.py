@@ -38,7 +38,7 @@ from twin.emulator.avr import (
 )
 from twin.hal.cams import FixedRatio
 from twin.run.controller_building import control_of
-from twin.safety.trial import FAULT_HEADINGS, FaultRow
+from twin.safety.fault_row import FAULT_HEADINGS, FaultRow
 from twin.scenario.load import load
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "board"

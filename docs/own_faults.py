@@ -33,7 +33,7 @@ from twin.run.controller_building import build_controller, build_limits
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
-from twin.safety.trial import FaultRow
+from twin.safety.fault_row import FaultRow
 from twin.scenario.load import load
 from twin.scenario.rig import read_rig
 

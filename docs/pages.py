@@ -132,8 +132,8 @@ def driven(
     record = Recorder(round(duration / period), rigs, period, keep=channels, every=every)
     with np.errstate(all="ignore"):
         outcomes = drive(rig, controller, duration, record, keep=keep)
-    wished = controller.reference(record.time)[0].reshape(record.length, -1, 2)
-    return record, wished, [outcome.ending is Ending.FINISHED for outcome in outcomes]
+    desired = controller.reference(record.time)[0].reshape(record.length, -1, 2)
+    return record, desired, [outcome.ending is Ending.FINISHED for outcome in outcomes]
 
 
 def points(

@@ -22,8 +22,9 @@ from twin.devices.rig import UNCHECKED
 from twin.hal.agreement import AGREEMENT_CONDITIONS
 from twin.hal.interface import SCREEN_SIZE_M, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
+from twin.safety.fault_row import FAULT_HEADINGS, FaultRow, cells
 from twin.safety.faults import CASES
-from twin.safety.trial import FAULT_HEADINGS, RUN_AFTER_S, WATCH_AFTER_S, FaultRow, cells, run_all
+from twin.safety.trial import RUN_AFTER_S, WATCH_AFTER_S, run_all
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,

@@ -171,8 +171,8 @@ text = f"""
 After {LOOKS * STEPS:,} steps the tracking error in the last look is {np.nanmin(last):.2f} to
 {np.nanmax(last):.2f} % over {SEEDS} seeds of learning, with {int(np.isnan(last).sum())} lost.
 {"No seed reaches" if not (last <= far).any() else "A seed reaches"} the error of the cure,
-{far:.3g} %. PPO has no memory of friction, so it cannot learn that of a rig while it runs, as the
-observer of the cure does.
+{far:.3g} %. PPO has no memory of friction, so it cannot learn a rig's friction while it runs,
+as the observer of the cure does.
 
 Budget: {SEEDS} seeds, {LOOKS * STEPS * 0.02 / 3600:.1f} h of simulated time each.
 """

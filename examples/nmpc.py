@@ -1,7 +1,7 @@
 # %% [markdown]
 # # A nonlinear predictive controller with IPOPT
 # `bp.symbolic` gives the equations as CasADi symbols (`pip install 'ballplate[casadi]'`); the twin
-# says what the law is worth, and what it costs that its solver takes its time.
+# shows how good the law is, and how much the solver's time costs.
 
 # %%
 import casadi as ca

@@ -42,8 +42,8 @@ class Acados(bp.laws.Law):
         """The first input of the best that is ahead, shape (1, 2)."""
         x, solver = (now.equivalent if self.friction else now.x)[0], now.plan
         r = now.reference(now.time + STEP * np.arange(N + 1)).reshape(5, N + 1, 2)
-        for k, wished in enumerate(np.hstack([r[0], r[1]])):
-            solver.set(k, "yref", np.append(wished, [0, 0])[: 6 if k < N else 4])
+        for k, desired in enumerate(np.hstack([r[0], r[1]])):
+            solver.set(k, "yref", np.append(desired, [0, 0])[: 6 if k < N else 4])
         u = solver.solve_for_x0(x).reshape(1, 2)
         TOOK.append(float(np.atleast_1d(solver.get_stats("time_tot"))[0]))
         return u

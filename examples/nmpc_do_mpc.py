@@ -1,7 +1,7 @@
 # %% [markdown]
 # # A nonlinear predictive controller with do-mpc
 # do-mpc (`pip install do-mpc`) has the equations from `bp.symbolic`; in place of an observer of its
-# own it is told the twin's, which knows friction and dead time.
+# own it uses the twin's, which knows friction and dead time.
 
 # %%
 import numpy as np
@@ -10,7 +10,7 @@ from do_mpc.controller import MPC
 import ballplate as bp
 
 DURATION, N, STEP = 8.0, 20, 0.03  # s, steps ahead of, s
-WISHED = ("wished_x", "wished_y", "wished_x_rate", "wished_y_rate")  # told anew for every step
+DESIRED = ("desired_x", "desired_y", "desired_x_rate", "desired_y_rate")  # set in every step
 
 
 # %%
@@ -20,12 +20,12 @@ class DoMPC(bp.laws.Law):
     name, friction = "do_mpc", {"plant.friction.rolling_mm": 0}
 
     def start(self, x, reference, period):
-        """The controller, and where it is told the path."""
+        """The controller, and the template of its path."""
         m = bp.symbolic("circle", self.friction, period=STEP)
-        mpc = MPC(model := m.do_mpc(WISHED))
+        mpc = MPC(model := m.do_mpc(DESIRED))
         mpc.set_param(n_horizon=N, t_step=STEP, store_full_solution=False)
         mpc.settings.supress_ipopt_output()
-        far = [(model.x[name.removeprefix("wished_")] - model.tvp[name]) ** 2 for name in WISHED]
+        far = [(model.x[name.removeprefix("desired_")] - model.tvp[name]) ** 2 for name in DESIRED]
         cost = 1e4 * sum(far[:2]) + 300 * sum(far[2:])
         mpc.set_objective(mterm=cost, lterm=cost + 1e-3 * (model.u.cat.T @ model.u.cat))
         mpc.set_rterm(phi_acc=0.0, theta_acc=0.0)
@@ -44,8 +44,8 @@ class DoMPC(bp.laws.Law):
         """The first input of the best that is ahead, shape (1, 2)."""
         mpc, path = now.plan
         r = now.reference(now.time + STEP * np.arange(N + 1)).reshape(5, N + 1, 2)
-        for k, wished in enumerate(np.hstack([r[0], r[1]])):
-            path["_tvp", k] = wished
+        for k, desired in enumerate(np.hstack([r[0], r[1]])):
+            path["_tvp", k] = desired
         return mpc.make_step((now.equivalent if self.friction else now.x).T).T
 
 

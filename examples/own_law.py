@@ -27,7 +27,7 @@ class FrictionCascade(Law):
         position, velocity, angle, rate = (x[..., i::4] for i in range(4))
         r = reference(t)
         wanted = r[2] + 2.0 * (r[0] - position) + 2.4 * (r[1] - velocity)
-        slope = 1e-3 * self.arm_mm / 0.02 * np.tanh(r[1] / 0.02)  # against the wished motion
+        slope = 1e-3 * self.arm_mm / 0.02 * np.tanh(r[1] / 0.02)  # against the desired motion
         goal = np.clip(np.array([1.0, -1.0]) * (wanted / self.model.k1 + slope), -0.17, 0.17)
         return 60 * (goal - angle) - 14 * rate
 

@@ -14,7 +14,8 @@ from controllers import catalog
 from controllers.catalog import forget
 from twin.base.data_file import read_packaged
 from twin.devices import kinds
-from twin.scenario.load import check, put, setting
+from twin.scenario.load import check
+from twin.scenario.merging import put, setting
 
 TABLES = {
     "title": "test",

@@ -19,10 +19,11 @@ from click.testing import CliRunner
 from controllers import catalog as catalog_module
 from docs import board, code_lines, cure, cure_attacks, regenerate, tuned
 from twin.cli import ballplate
-from twin.cli.runs import new
+from twin.cli.new import new
 from twin.run.finished import run
 from twin.scenario import load
-from twin.scenario.load import check, read, resolve, setting
+from twin.scenario.load import check, read, resolve
+from twin.scenario.merging import setting
 from twin.scenario.variations import parse_variations, variants
 
 ROOT = Path(__file__).parent.parent

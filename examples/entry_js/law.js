@@ -4,8 +4,8 @@
 "use strict";
 const fs = require("fs");
 
-const START = 0; // what is asked; else a command
-const EQUIVALENT = 8, PATH = 20, TOLD = 30; // of each rig: x 0, equivalent 8, rate 16, requested 18, path 20
+const START = 0; // kind of message; else a command
+const EQUIVALENT = 8, PATH = 20, PER_RIG = 30; // of each rig: x 0, equivalent 8, rate 16, requested 18, path 20
 const SIGN = [1, -1]; // of a tilt that accelerates the ball along the axis
 
 // The next `count` numbers, or null where there are no more.
@@ -32,22 +32,22 @@ function command(rig, k) {
     const [x, speed, tilt, rate] = rig.subarray(EQUIVALENT + 4 * axis);
     const path = (derivative) => rig[PATH + 2 * derivative + axis];
     const e = path(0) - x, v = path(1) - speed;
-    const wished = path(2) + 4 * e + 4 * v + 1 * q[2 * k + axis];
+    const desired = path(2) + 4 * e + 4 * v + 1 * q[2 * k + axis];
     q[2 * k + axis] += period * e;
-    return 400 * ((SIGN[axis] * wished) / 7 - tilt) - 40 * rate; // 5/7 of 9.81 m/s^2
+    return 400 * ((SIGN[axis] * desired) / 7 - tilt) - 40 * rate; // 5/7 of 9.81 m/s^2
   });
 }
 
 for (let count; (count = read(1)); ) {
-  const [what, time, ...told] = read(count[0]);
+  const [what, time, ...message] = read(count[0]);
   if (what === START) {
     period = time;
-    q = new Float64Array(told.length / 4); // it was told the 8 states of each rig
+    q = new Float64Array(message.length / 4); // the message has the 8 states of each rig
     continue;
   }
-  const rigs = Float64Array.from(told);
+  const rigs = Float64Array.from(message);
   const u = [];
-  for (let k = 0; k < rigs.length / TOLD; k++)
-    u.push(...command(rigs.subarray(TOLD * k, TOLD * (k + 1)), k));
+  for (let k = 0; k < rigs.length / PER_RIG; k++)
+    u.push(...command(rigs.subarray(PER_RIG * k, PER_RIG * (k + 1)), k));
   write(u);
 }

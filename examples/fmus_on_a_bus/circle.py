@@ -376,7 +376,7 @@ def make_fmus(folder: Path, seconds: float) -> dict[str, Path]:
     """Rig, controller and drive as FMUs, by name."""
     length = {"duration": seconds}
     return {
-        "rig": bp.fmu("circle", folder / "rig.fmu", length, wished=True),
+        "rig": bp.fmu("circle", folder / "rig.fmu", length, with_reference=True),
         "controller": bp.controller_fmu("circle", folder / "controller.fmu", length),
         "drive": bp.drive_fmu("akd", folder / "drive.fmu"),
     }

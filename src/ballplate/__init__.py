@@ -35,7 +35,7 @@ from ballplate.changes import Changes, Keys, describe, law, model, scenarios
 from ballplate.reporter import BallplateWarning, Reporter
 from ballplate.running import run
 from twin.base.errors import TwinError
-from twin.run.files import Signals
+from twin.run.exporters import Signals
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -105,7 +105,7 @@ def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[KeyChange]
     Raises:
         ScenarioError: If a text is not ``KEY=VALUE``, or a value none that a scenario can hold.
     """
-    from twin.scenario.load import setting
+    from twin.scenario.merging import setting
     from twin.scenario.schema import CATALOG_TABLES
 
     if isinstance(settings, str) or not isinstance(settings, Iterable):

@@ -148,7 +148,7 @@ class Comparison(Mapping[str, "Result"]):
 
 
 def name_folders(names: Mapping[str, str]) -> dict[str, str]:
-    """The name of the folder of each run within that of the comparison, by label.
+    """Name the folder of each run of a comparison, by label.
 
     Args:
         names: What tables and pictures call each run, by label.

@@ -120,7 +120,7 @@ def variants_of(
 
 def _parse_variant(text: str, what: str) -> tuple[str, Settings]:
     """Name and settings in a text ``NAME=KEY=VALUE; KEY=VALUE``; what: the argument in messages."""
-    from twin.scenario.load import split_settings
+    from twin.scenario.merging import split_settings
 
     name, equals, rest = text.partition("=")
     if not equals:

@@ -47,7 +47,7 @@ def check(
             different student, lab or key.
     """
     from twin.lab import judge, schema
-    from twin.lab.schema import reload_deal
+    from twin.lab.deals import reload_deal
 
     found = schema.read(lab)
     file = Path(answer or found.answer.file)

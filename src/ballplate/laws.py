@@ -14,15 +14,17 @@ Examples:
     array([-0.1, -0. ])
 """
 
-from controllers import advanced, classical
-from controllers.advanced import *  # noqa: F403  its __all__
+from controllers import classical
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from controllers.classical import *  # noqa: F403
+from controllers.classical import *  # noqa: F403  its __all__
 from controllers.fmu import FmuLaw
 from controllers.interfaces import Feedback, Law, Reference
+from controllers.predictive import Predictive
+from controllers.repetition import InternalModel, IterativeLearning
 from controllers.stable_inversion import StableInversion
+from controllers.time_varying import TimeVaryingLQR
 
-__all__ = ["Array", "BallPlate", "Feedback", "FmuLaw", "Law", "Reference", "StableInversion"]
-__all__ += advanced.__all__
+__all__ = ["Array", "BallPlate", "Feedback", "FmuLaw", "InternalModel", "IterativeLearning", "Law"]
+__all__ += ["Predictive", "Reference", "StableInversion", "TimeVaryingLQR"]
 __all__ += classical.__all__

@@ -17,6 +17,7 @@ from controllers import references as _shipped
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from controllers.references import *  # noqa: F403  its __all__
+from controllers.setpoints import Setpoints
 
-__all__ = ["Array", "Reference"]
+__all__ = ["Array", "Reference", "Setpoints"]
 __all__ += _shipped.__all__

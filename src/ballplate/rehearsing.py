@@ -62,7 +62,7 @@ def rehearse(
 def _lost(scenario: Scenario) -> str:
     """How a ball is lost, in words; empty if none is."""
     from twin.run.together import run_together
-    from twin.scenario.load import cut_short
+    from twin.scenario.derived import cut_short
 
     short = cut_short(scenario, min(scenario.duration, REHEARSED_S))
     for label, done in zip(

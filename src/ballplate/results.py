@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.base.errors import RecordError
 from twin.base.writing import write_whole
-from twin.run.files import FILM_SUFFIXES, Indicators, Signals, free
+from twin.run.exporters import FILM_SUFFIXES, Signals
+from twin.run.files import free
 from twin.run.finished import Run, draw, save_record
+from twin.run.indicators import Indicators
 from twin.run.opened import of_other_class
 
 if TYPE_CHECKING:

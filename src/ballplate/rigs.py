@@ -281,7 +281,7 @@ def fmu(
     settings: Settings = (),
     *,
     fmi: int = 2,
-    wished: bool = False,
+    with_reference: bool = False,
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
 ) -> Path:
@@ -295,7 +295,7 @@ def fmu(
         file: The file, its ending ``.fmu``.
         settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
         fmi: Version of the standard, 2 for FMI 2.0 or 3 for FMI 3.0.
-        wished: Whether the scenario's reference is an output, too, with two derivatives.
+        with_reference: Whether the scenario's reference is an output, too, with two derivatives.
         reporter: Receives the reason why there is no binary in it.
         changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
 
@@ -331,7 +331,7 @@ def fmu(
     quiet = scenario_of(scenario, [*given, *changes_of(still, {})])
     from twin.fmu.export import export
 
-    if lacking := export(path, chosen, quiet, fmi=fmi, with_reference=wished):
+    if lacking := export(path, chosen, quiet, fmi=fmi, with_reference=with_reference):
         (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
     return path
 

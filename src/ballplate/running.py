@@ -310,7 +310,7 @@ def _begin_clean_run(
     import scipy.linalg  # noqa: F401  both processes need it: once, where the second is a fork
 
     from twin.run import finished
-    from twin.scenario.load import clean, cut_short
+    from twin.scenario.derived import clean, cut_short
 
     model = clean(scenario)
     if helper.there:

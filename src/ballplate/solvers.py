@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
-from ballplate.systems import INPUTS, SPIN, UNITS, without_state
+from ballplate.systems import INPUT_NAMES, SPIN_NAME, UNITS, without_state
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED_STATES, STATE_NAMES, constants
 from twin.base.errors import ModelError, ScenarioError
@@ -203,7 +203,7 @@ def symbolic(
     ball, predictor = chosen.designed_on, chosen.predictor
     nominal = {name: each.start for name, each in known.items()}
     nominal |= {f"plant.ball.{name}": getattr(ball, name) for name in ("mass", "radius", "inertia")}
-    names = (*STATE_NAMES, SPIN) if spin else STATE_NAMES
+    names = (*STATE_NAMES, SPIN_NAME) if spin else STATE_NAMES
     about = without_state(chosen.plant.ball_spin, spin=spin)
     x, u, p = ca.SX.sym("x", len(names)), ca.SX.sym("u", 2), ca.SX.sym("p", len(symbols))
     symbol_of = dict(zip(symbols, ca.vertsplit(p), strict=True))
@@ -227,8 +227,8 @@ def symbolic(
     return Symbolic(
         x, u, p, xdot, x[list(MEASURED_STATES)], f,
         ca.Function("F", [x, u, p], [after], ["x", "u", "p"], ["x_after"]),
-        {"x": names, "u": INPUTS, "p": symbols, "y": measured},
-        {name: UNITS[name] for name in (*names, *INPUTS)}
+        {"x": names, "u": INPUT_NAMES, "p": symbols, "y": measured},
+        {name: UNITS[name] for name in (*names, *INPUT_NAMES)}
         | {name: each.unit or "1" for name, each in known.items()},
         {name: (-value, value) for name, value in most.items()},
         np.array(list(nominal.values()), float),

@@ -231,8 +231,8 @@ def screened_work_of(
     if times is not None and keys.get("engine") == "c":
         engine, screen = map(reporter.name_of, ("engine", "screen"))
         raise ScenarioError(
-            f"{engine} c: not with {screen}, whose runs on the mechanism need Python; leave it "
-            "out: the further runs are in C where all their settings allow it"
+            f"{engine} c: not with {screen}: its runs on the mechanism need Python; leave it out: "
+            "the further runs are in C where all their settings allow it"
         )
     work = work_of(name, keys)
     return work, None if times is None else screen_of(name, work, times)

@@ -26,7 +26,7 @@ from twin.base.page import Picture, Table, fragment
 from twin.base.parts import left_out
 from twin.base.shipped import find
 from twin.base.writing import write_whole
-from twin.run.files import INDICATOR_UNITS, nearest_indicator
+from twin.run.indicators import INDICATOR_UNITS, nearest_indicator
 from twin.run.tables import INDICATOR_LABELS, by_run
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ballplate as bp
-from ballplate.systems import DESIRED, INPUTS
+from ballplate.systems import INPUT_NAMES, REFERENCE_NAMES
 from controllers.analysis import margins, sampled_loop, state_feedback_loop
 from controllers.ballplate import STATE_NAMES
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement
@@ -24,7 +24,7 @@ T = 0.002
 def controlled(law):
     """The closed loop of the state feedback, from the desired position to the ball."""
     return control.interconnect(
-        [bp.systems.linear(), law], inputs=list(DESIRED), outputs=["x", "y"]
+        [bp.systems.linear(), law], inputs=list(REFERENCE_NAMES), outputs=["x", "y"]
     )
 
 
@@ -55,8 +55,8 @@ def test_the_linear_plant_is_the_derivative_of_the_equations():
 
 def test_every_signal_has_a_unit_and_a_column_of_the_record():
     done = bp.run("hold", duration=0.05, **FREE)
-    for name in (*STATE_NAMES, *INPUTS):
-        prefix = "applied" if name in INPUTS else "true"
+    for name in (*STATE_NAMES, *INPUT_NAMES):
+        prefix = "applied" if name in INPUT_NAMES else "true"
         assert done.units[f"{prefix}_{name}"] == bp.systems.UNITS[name]
     for each in (bp.systems.law("circle"), bp.systems.sampled("circle")):
         assert {*each.input_labels, *each.output_labels} <= set(bp.systems.UNITS)
@@ -105,7 +105,7 @@ def test_a_step_response_is_the_run_of_the_step(kind):
     )  # fmt: skip
     law = bp.systems.law("step", controller=kind)
     plant = control.sample_system(bp.systems.linear(), T, "zoh", copy_names=True)
-    whole = control.interconnect([plant, law], inputs=list(DESIRED), outputs=["x"])
+    whole = control.interconnect([plant, law], inputs=list(REFERENCE_NAMES), outputs=["x"])
     found = control.step_response(whole["x", "reference_x"], timepts=done.time)
     assert done["true_x"].max() > 9e-4
     assert np.abs(1e-3 * found.outputs - done["true_x"]).max() < 1e-8

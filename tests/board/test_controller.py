@@ -19,7 +19,7 @@ from twin.run.loop import alike, simulate
 from twin.run.opened import open_run
 from twin.run.state import Snapshot, SnapshotError, restore
 from twin.scenario import load
-from twin.scenario.load import clean
+from twin.scenario.derived import clean
 
 KEYS = {"plant.kind": "lagrange", "plant.start.x": 0.05, "plant.start.y": 0.02}
 COMPILED = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

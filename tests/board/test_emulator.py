@@ -12,7 +12,7 @@ from ballplate.changes import changes_of, scenario_of
 from twin.base.errors import LawError
 from twin.board import program as programs
 from twin.board.program import command_of, compile_controller, size_of
-from twin.board.protocol import ANSWERED, Answer, decode, encode
+from twin.board.protocol import ANSWER_LENGTH, Answer, decode, encode
 from twin.board.trace import LAWS
 from twin.run.controller_building import control_of
 
@@ -80,9 +80,9 @@ def test_the_count_is_that_of_the_emulator_s_own_trace_of_instructions(tmp_path)
     said = subprocess.run(
         [*command_of(program), *more], input=b"".join(asked), capture_output=True, check=True
     ).stdout[22:]
-    size = 6 + 8 * ANSWERED
+    size = 6 + 8 * ANSWER_LENGTH
     counted = [
-        Answer.of(decode(said[k * size : (k + 1) * size], k + 1, ANSWERED)).instructions
+        Answer.of(decode(said[k * size : (k + 1) * size], k + 1, ANSWER_LENGTH)).instructions
         for k in range(3)
     ]
     names = {}

@@ -21,7 +21,7 @@ from click.testing import CliRunner
 
 import ballplate as bp
 from twin.board.footprint import measure_footprint
-from twin.cli.runs import export as export_command
+from twin.cli.see import export as export_command
 from twin.run.assemble import assemble
 from twin.run.controller_source import _check_own, export
 

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from twin.board.protocol import ANSWERED, Answer, FrameError, decode, encode
+from twin.board.protocol import ANSWER_LENGTH, Answer, FrameError, decode, encode
 
 CONTENT = [0.1, -2.5, 1e-300]
 
@@ -60,7 +60,7 @@ def test_what_is_no_frame_is_one_line(said, words):
 
 
 def answer(**changed):
-    content = np.arange(ANSWERED, dtype=float)
+    content = np.arange(ANSWER_LENGTH, dtype=float)
     for place, value in changed.items():
         content[int(place[1:])] = value
     return content

@@ -1,4 +1,4 @@
-"""`twin.cli.runs`: What `ballplate new` writes works, and a file of one's own is taken in."""
+"""`twin.cli.new`: What `ballplate new` writes works, and a file of one's own is taken in."""
 
 import importlib
 import json
@@ -13,7 +13,7 @@ import pytest
 
 from controllers.catalog import add, catalog, forget, outside
 from controllers.interfaces import Law, Observer, Reference
-from twin.cli.runs import LAW_STARTS
+from twin.cli.new import LAW_STARTS
 from twin.run.finished import run
 from twin.scenario import load
 from twin.study import schema

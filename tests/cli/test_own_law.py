@@ -180,7 +180,7 @@ WRONG = {
     "return np.zeros((3, 2))": "it gave shape (3, 2)",
     "return 1j * np.ones((1, 2))": "it gave complex numbers of shape (1, 2)",
     "return None": "it gave None",
-    "self.before = x": "what it remembers is its `memory`",
+    "self.before = x": "its state is `memory`",
     "x[4]": "shape (1, 8)",  # a state is rows, of one rig, too
 }
 STUDY = """

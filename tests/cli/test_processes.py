@@ -42,7 +42,7 @@ def test_ctrl_c_a_kill_and_a_closed_terminal_end_a_run_in_order(tmp_path):
 LONG = ("--set", "duration=6", "--set", "metrics.start=2")
 
 
-def written(ballplate, monkeypatch, processors, out, *arguments):
+def run_command(ballplate, monkeypatch, processors, out, *arguments):
     """What a command with so many processors writes, but for the speed; and what it says."""
     monkeypatch.setattr(jobs, "cores", lambda: processors)
     code, _, err = ballplate(*arguments, "--out", out)
@@ -66,9 +66,9 @@ def test_a_run_writes_the_same_bytes_on_one_processor_and_on_two(ballplate, monk
 
     monkeypatch.setattr(jobs.SecondProcess, "begin", noted)
     command = ("run", "circle", *LONG)
-    one = written(ballplate, monkeypatch, 1, "one", *command)
+    one = run_command(ballplate, monkeypatch, 1, "one", *command)
     assert not any(begun)
-    two = written(ballplate, monkeypatch, 2, "two", *command)
+    two = run_command(ballplate, monkeypatch, 2, "two", *command)
     assert begun[-1]
     assert one == two
     assert {str(path) for path in one[0]} == {"run.parquet", "picture.png", "metrics.json"}
@@ -80,8 +80,8 @@ def test_a_comparison_writes_the_same_bytes_on_one_process_and_on_two(ballplate,
     command = ("compare", "circle", "--vary", "seed=[1,2]", "--vary")
     command += ("plant.friction.rolling_mm=[0,0.2]", "--set", "duration=0.5")
     command += ("--set", "metrics.start=0")
-    one = written(ballplate, monkeypatch, 1, "one", *command, "-j", "1")[0]
-    two = written(ballplate, monkeypatch, 1, "two", *command, "-j", "2")[0]
+    one = run_command(ballplate, monkeypatch, 1, "one", *command, "-j", "1")[0]
+    two = run_command(ballplate, monkeypatch, 1, "two", *command, "-j", "2")[0]
     assert one == two
     assert len(one) == 4 * 3 + 1
 

@@ -70,7 +70,7 @@ def walked(text):
     printed, latest, end = "", "", 0
     for part in PARTS.finditer(text):
         prose, (kind, block), end = text[end : part.start()], part.groups(), part.end()
-        told(prose, printed)
+        check_percentages(prose, printed)
         match kind:
             case "sh":
                 lines = [line for line in commands(part.group()) if WIRE not in line]
@@ -89,7 +89,7 @@ def walked(text):
                     assert printed_in(squeezed(line), latest), line
                 continue
         printed += latest
-    told(text[end:], printed)
+    check_percentages(text[end:], printed)
     return printed
 
 
@@ -105,7 +105,7 @@ def added(block):
     LAW.write_text("\n".join(lines), encoding="utf-8")
 
 
-def told(prose, printed):
+def check_percentages(prose, printed):
     """Every percentage of the prose has been printed."""
     numbers = re.findall(r"[\d.]+(?= %)", prose)
     assert [each for each in numbers if not printed_in(each, printed)] == []

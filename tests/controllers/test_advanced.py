@@ -1,4 +1,4 @@
-"""`controllers.advanced`: Laws beyond the thesis, each against its own equations."""
+"""`controllers`: Laws beyond the thesis, each against its own equations."""
 
 import math
 import sys
@@ -10,27 +10,19 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 from scipy.optimize import minimize
 
-from controllers.advanced import (
-    GAIN_KNOT_S,
-    GAINS_PER_SWEEP,
-    MAX_SOLVER_ITERATIONS,
-    InternalModel,
-    IterativeLearning,
-    Predictive,
-    Program,
-    TimeVaryingLQR,
-    along,
-)
 from controllers.ballplate import TILT_SIGN, BallPlate
 from controllers.design import sample
 from controllers.interfaces import Feedback
+from controllers.predictive import MAX_SOLVER_ITERATIONS, Predictive, Program
 from controllers.references import Circle, Hold, Sine
+from controllers.repetition import InternalModel, IterativeLearning
 from controllers.stable_inversion import MotionPlan, StableInversion
+from controllers.time_varying import GAIN_KNOT_S, GAINS_PER_SWEEP, TimeVaryingLQR, along
 
 MODEL = BallPlate()
 
 
-def told(t, x, path, plan):
+def feedback_of(t, x, path, plan):
     """All that a law may act on of an observer that knows the state and no more."""
     none, still = np.zeros((len(x), 0)), np.zeros((len(x), 2))
     return Feedback(t, x, x, none, still, still, path, none, plan)
@@ -111,7 +103,7 @@ def laps(law, path, count):
     for tick in range(count * LAP):
         t = tick * TICK
         errors.append(x[0, 0::4] - path(t)[0])
-        u = law.command(told(t, x, path, plan))
+        u = law.command(feedback_of(t, x, path, plan))
         turn = OMEGA * t
         force = 0.1 * np.array([[np.cos(turn) + 0.5 * np.sin(3 * turn), np.sin(2 * turn)]])
         x = x @ Ad.T + np.hstack((u, force)) @ Bd.T
@@ -156,7 +148,7 @@ T = 0.002
 
 def commands(law, path, x, ticks):
     plan = law.start(0 * x, path, T)
-    return np.array([law.command(told(k * T, x, path, plan)) for k in range(ticks)])
+    return np.array([law.command(feedback_of(k * T, x, path, plan)) for k in range(ticks)])
 
 
 @pytest.mark.parametrize("horizon", [0.1, 0.8])
@@ -259,7 +251,7 @@ def test_on_its_path_it_asks_for_the_motion_of_ball_and_plate():
         x = np.zeros((1, 8))
         x[:, 0::4], x[:, 1::4] = wanted.position, wanted.velocity
         x[:, 2::4], x[:, 3::4] = TILT_SIGN * wanted.slope.angle, TILT_SIGN * wanted.slope.rate
-        u = law.command(told(tick * T, x, path, plan))
+        u = law.command(feedback_of(tick * T, x, path, plan))
         np.testing.assert_allclose(u, TILT_SIGN * wanted.slope.acceleration, atol=2e-3)
 
 

@@ -11,12 +11,13 @@ import pytest
 import ballplate as bp
 from ballplate.dangers import warn_of_dangers
 from ballplate.reporter import BallplateWarning
-from controllers.advanced import InternalModel
 from controllers.analysis import instability, slow_observer
 from controllers.classical import AFL, LQR, AFLIntegral, Feedforward, PolePlacement
 from controllers.interfaces import Law
 from controllers.observers import FrictionKalman, Ideal, Luenberger, NonlinearLuenberger
-from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
+from controllers.references import Circle, Lissajous, Path, Sine
+from controllers.repetition import InternalModel
+from controllers.setpoints import Setpoints
 from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError

@@ -24,13 +24,13 @@ from twin.run.controller_building import build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder, write_run
 from twin.scenario import load
-from twin.scenario.load import clean
+from twin.scenario.derived import clean
 
 T = 0.002
 CURE = ("observer.kind=friction_kalman", "controller.kind=stable_inversion")
 
 
-def seen(tick, x=0.0):
+def measurement_at(tick, x=0.0):
     return measured(np.array([[x, 0.0, 0.0, 0.0]]))._replace(time=tick * T)
 
 
@@ -58,8 +58,8 @@ class Asking(Law):
 def test_a_law_is_handed_what_it_needs_in_its_order_and_its_plan():
     observer = FrictionKalman()
     controller = Controller(Asking(), observer, Circle(), T)
-    controller.start(seen(0, x=0.02))
-    controller.command(seen(0, x=0.02))
+    controller.start(measurement_at(0, x=0.02))
+    controller.command(measurement_at(0, x=0.02))
     (now,) = controller.plan["seen"]
     known = [quantity.name for quantity in observer.knows]
     expected = observer.further[:, [known.index(name) for name in Asking.needs]]
@@ -72,10 +72,10 @@ def test_a_law_is_handed_what_it_needs_in_its_order_and_its_plan():
 
 def test_a_law_sees_the_rate_really_commanded_and_that_a_clamp_acted():
     controller = Controller(Asking(), FrictionKalman(), Hold(), T)
-    controller.start(seen(0))
-    step = controller.command(seen(0))
+    controller.start(measurement_at(0))
+    step = controller.command(measurement_at(0))
     controller.applied(step.rate * [[0.5, 1.0]])
-    controller.command(seen(1))
+    controller.command(measurement_at(1))
     first, now = controller.plan["seen"]
     assert not first.clamped.any()
     assert now.clamped.tolist() == [[True, False]]
@@ -153,28 +153,28 @@ def test_a_law_that_counts_no_lag_of_the_drives_is_given_none_that_is_found():
         assert same.tolist() == [False, True, True, True]
 
 
-def written(folder, record):
+def write_and_read(folder, record):
     write_run(folder, record, {})
     return pq.read_table(folder / "run.parquet")
 
 
 def test_what_is_known_beyond_the_state_is_recorded_with_its_unit(tmp_path):
     on = ["plant.kind=lagrange", "duration=0.6", "metrics.start=0"]
-    cured = written(tmp_path, run([load("circle", [*on, *CURE])], ticks=20))
+    cured = write_and_read(tmp_path, run([load("circle", [*on, *CURE])], ticks=20))
     units = {field.name: field.metadata[b"unit"] for field in cured.schema}
     assert units["estimated_friction"] == b"m/s^2"
     assert units["estimated_tilt_gain_x_spread"] == b"1"
     assert cured["estimated_friction"][0].as_py() == pytest.approx(0.053, abs=1e-3)
-    thesis = written(tmp_path, run([load("circle", on)], ticks=20))
+    thesis = write_and_read(tmp_path, run([load("circle", on)], ticks=20))
     assert not any("friction" in name for name in thesis.column_names)
 
 
 def test_laws_of_the_state_alone_get_the_state_that_a_ball_without_friction_would_have():
     observer, law = FrictionKalman(), AFL()
     controller = Controller(law, observer, Circle(), T)
-    controller.start(seen(0, x=0.01))
+    controller.start(measurement_at(0, x=0.01))
     for tick in range(5):
-        u = controller.command(seen(tick, x=0.01)).acceleration
+        u = controller.command(measurement_at(tick, x=0.01)).acceleration
         expected = law.control(tick * T, observer.equivalent, Circle(), np.zeros((1, 0)))
         np.testing.assert_allclose(u, expected, rtol=1e-12)
         controller.applied(controller.requested)

@@ -6,7 +6,7 @@ import pytest
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
 from controllers.observers import DisturbanceObserver
-from controllers.observers.friction import gains
+from controllers.observers.disturbance import gains
 
 MODEL = BallPlate()
 T = 0.002

@@ -13,7 +13,8 @@ from controllers.feasible_path import PATH_SHAPING, FeasiblePath, PathShaping
 from controllers.interfaces import Reference
 from controllers.per_rig import PerRigReference
 from controllers.preview import Preview
-from controllers.references import Circle, Lissajous, Path, Setpoints, Sine, Transition
+from controllers.references import Circle, Lissajous, Path, Sine, Transition
+from controllers.setpoints import Setpoints
 from controllers.stable_inversion import StableInversion
 from twin.view.summary import describe_run
 
@@ -196,12 +197,12 @@ def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
     since = np.maximum(end[:, None] - h * np.arange(n + 1), 0.0)  # of each piece's begin
     cube = (since[:, :-1] ** 3 - since[:, 1:] ** 3) / 6
     tilt = since[:, :-1] - since[:, 1:]
-    wished = STEP(1.5 + end)[0]
+    desired = STEP(1.5 + end)[0]
     for axis in (0, 1):
         upper = np.concatenate((np.full(n, J), np.full(n, A)))
         jerk, _, exit_flag, _ = daqp.solve(
             cube.T @ cube + 1e-9 * np.eye(n),
-            -cube.T @ wished[:, axis],
+            -cube.T @ desired[:, axis],
             np.ascontiguousarray(tilt),
             upper,
             -upper,
@@ -219,8 +220,8 @@ def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
 def test_few_steps_of_the_method_lose_little():
     short = laid(STEP, (0.0, 0.0), 6.0)[0]
     exact = laid(STEP, (0.0, 0.0), 6.0, shaping=PathShaping(iterations=1000))[0]
-    wished = STEP(T * np.arange(len(exact)))[0]
-    far = [np.sqrt(((path - wished) ** 2).mean()) for path in (short, exact)]
+    desired = STEP(T * np.arange(len(exact)))[0]
+    far = [np.sqrt(((path - desired) ** 2).mean()) for path in (short, exact)]
     assert 5e-3 < far[1] <= far[0] < 1.05 * far[1]
 
 
@@ -267,7 +268,7 @@ def test_the_cure_keeps_a_ball_on_a_path_that_the_plate_cannot_give():
     assert 0.1 < differs.mean() < 0.9
     ball = np.stack((kept.rows["true_x"], kept.rows["true_y"]), axis=1)
     assert np.hypot(*(ball - laid)[differs].T).max() < 0.02
-    wished = kept.followed(kept.rows["time"])[0]
-    far = np.hypot(*(laid - wished)[differs].T).max()
+    desired = kept.followed(kept.rows["time"])[0]
+    far = np.hypot(*(laid - desired)[differs].T).max()
     assert f"up to {1e3 * far:.3g} mm" in describe_run(kept)
     assert "laid_x" not in lost.rows

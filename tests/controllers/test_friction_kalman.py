@@ -143,13 +143,13 @@ def innovations_squared(observer, world, measurement):
     return (measurement.y[:, 0::2] - expected) ** 2 / variance
 
 
-def known(observer):
+def name_quantities(observer):
     """What an observer knows beyond the state, by name."""
     names = [quantity.name for quantity in observer.knows]
     return dict(zip(names, observer.further.T, strict=True))
 
 
-def shown(observer, ys, *, touched=True):
+def estimates_of(observer, ys, *, touched=True):
     """Estimates of rigs that are shown measurements, shape (K, ..., 4), and told of no input."""
     found = []
     for y in ys:
@@ -196,7 +196,7 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(consistency):
 @pytest.mark.long
 def test_friction_and_tilt_gain_are_found_within_the_spread_stated(consistency):
     observer, world, *_ = consistency
-    found, truth = known(observer), world.truth()
+    found, truth = name_quantities(observer), world.truth()
     for name, column in (("friction", 8), ("tilt_gain_x", 6), ("tilt_gain_y", 7)):
         apart = (found[name] - truth[:, column]) / found[f"{name}_spread"]
         assert within(apart**2, 1), name
@@ -232,7 +232,7 @@ def test_friction_is_not_learnt_from_a_ball_that_lies_still(observer):
     before = observer.further[0, 0], getattr(observer, "friction_map", 0)
     y = np.tile([0.0, np.radians(0.4), 0.0, 0.0], (600, 1, 1))
     y[..., 0::2] += 3e-4 * np.random.default_rng(2).normal(size=(600, 1, 2))
-    shown(observer, y)
+    estimates_of(observer, y)
     assert observer.further[0, 0] == before[0]
     assert np.array_equal(getattr(observer, "friction_map", 0), before[1])
     assert observer.further[0, 1] < -0.01  # what holds the ball is taken for a disturbance
@@ -244,7 +244,7 @@ def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_re
     for speed in (0.0, 0.1):
         for observer in (quick, slow):
             observer.start(np.tile([0.0, speed, 0, 0, 0, 0, 0, 0], (2, 1)))
-            shown(observer, np.zeros((100, 2, 4)), touched=False)  # the plate is felt
+            estimates_of(observer, np.zeros((100, 2, 4)), touched=False)  # the plate is felt
             spreads[speed, observer is quick] = observer.P[:, 4, 4]
             learnt[speed, observer is quick] = np.diagonal(observer.P, axis1=1, axis2=2)[:, 6:]
     walked = 100 * T * (0.1**2 - 0.02**2)
@@ -262,13 +262,13 @@ def test_what_held_a_ball_at_rest_is_forgotten_once_it_comes_free(forgets):
     forget_rest = 0.05 if forgets else None
     observer = FrictionKalman(resting_walk=0.03, keep_at_rest=True, forget_rest=forget_rest)
     observer.start(np.zeros((1, 8)))
-    push, believed = MODEL.k1 * np.sin(np.radians(1.0)), known(observer)["friction"][0]
+    push, believed = MODEL.k1 * np.sin(np.radians(1.0)), name_quantities(observer)["friction"][0]
     y = np.tile([0.0, np.radians(1.0), 0.0, 0.0], (1275, 1, 1))
     speed = T * (push - believed) * np.arange(1, 276)
     y[1000:, 0, 0] = T * np.cumsum(speed)  # its breakaway friction is behind it
-    shown(observer, y[:1000])
+    estimates_of(observer, y[:1000])
     assert observer.s[0, 4] == pytest.approx(-push, rel=0.2)
-    shown(observer, y[1000:])
+    estimates_of(observer, y[1000:])
     # the level is right: all that held it was friction; else that of motion is learnt wrongly
     assert (abs(observer.s[0, 4]) < 0.05 * push) == forgets
     assert (abs(observer.s[0, 8] / believed - 1) < 0.05) == forgets
@@ -279,8 +279,8 @@ def test_what_a_plate_turns_faster_than_it_was_told_is_known_of_each_axis():
     observer.start(np.zeros((1, 8)))
     y = np.zeros((500, 1, 4))
     y[:, 0, 1::2] = T * np.outer(range(500), rates)
-    shown(observer, y)
-    found = known(observer)
+    estimates_of(observer, y)
+    found = name_quantities(observer)
     bias = [found["plate_bias_x"][0], found["plate_bias_y"][0]]
     np.testing.assert_allclose(bias, rates, rtol=1e-3)
 
@@ -347,7 +347,7 @@ def test_the_map_is_found_where_the_ball_has_been(learnt):
 @pytest.mark.long
 def test_friction_and_its_spread_are_those_of_the_place(learnt):
     observer, world, *_ = learnt
-    found = known(observer)
+    found = name_quantities(observer)
     apart = (found["friction"] - world.friction(world.x)) / found["friction_spread"]
     assert within(apart**2, 1)
     assert found["friction_spread"].mean() < 0.4 * observer.map_spread
@@ -390,7 +390,7 @@ def test_the_camber_of_a_plate_is_found_and_the_disturbance_is_that_of_the_place
         observer.correct(world.measure())
         observer.predict(world.advance())
     np.testing.assert_allclose(observer.camber, np.tile((0.6, -0.4), (2, 1)), atol=0.1)
-    found = known(observer)
+    found = name_quantities(observer)
     assert np.array_equal(found["camber_x"], observer.camber[:, 0])
     place = world.x[:, 0::4]
     local = world.d + (0.6, -0.4) * place
@@ -410,14 +410,16 @@ def test_what_a_turned_screen_shows_is_turned_back():
     on_screen[..., 0::2] = y[..., 0::2] @ R.T
     for observer in (straight, turned):
         observer.start(np.zeros((1, 8)))
-    np.testing.assert_allclose(shown(turned, on_screen), shown(straight, y), atol=1e-9)
+    np.testing.assert_allclose(
+        estimates_of(turned, on_screen), estimates_of(straight, y), atol=1e-9
+    )
 
 
 def test_a_plate_that_is_taken_for_flat_has_no_camber():
     for observer in (FrictionKalman(), FrictionMapKalman(**COARSE)):
         observer.start(np.zeros((2, 8)))
         assert not observer.camber.any()
-        assert not known(observer)["camber_x"].any()
+        assert not name_quantities(observer)["camber_x"].any()
 
 
 @pytest.mark.short("0.0")
@@ -585,17 +587,17 @@ def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
     alone.start(np.zeros(8))
     y = np.tile([0.01, 0.0, 0.02, 0.0], (5, 2, 1))
     y[3:, 1, 0] = np.nan
-    x = shown(together, y)[-1]
+    x = estimates_of(together, y)[-1]
     assert np.isfinite(x[0]).all()
     assert np.isnan(x[1, 0])
-    assert np.isnan(shown(alone, y[:, 1])[-1, 0])
+    assert np.isnan(estimates_of(alone, y[:, 1])[-1, 0])
 
 
 NOISE = np.sqrt((7.2538e-7, 1.7721e-7))  # Table B.1
 STRUCK = np.array([0.3, -0.2])
 
 
-def seen(observer, jump):
+def velocities_after_jump(observer, jump):
     """Estimated velocities after each tick of a ball at rest whose place is changed from 0.5 s on.
 
     Args:
@@ -606,7 +608,7 @@ def seen(observer, jump):
     y = np.zeros((280, 1, 4))
     y[..., 0::2] = NOISE * np.random.default_rng(4).normal(size=(280, 1, 2))
     y[:, 0, 0::2] += [jump(tick * T - 0.5) * np.ones(2) for tick in range(280)]
-    return shown(observer, y)[:, 0, 1::4]
+    return estimates_of(observer, y)[:, 0, 1::4]
 
 
 @pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
@@ -615,15 +617,17 @@ def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_secon
         return STRUCK * max(since, 0.0)
 
     after = 250 + 20  # 40 ms
-    assert np.abs(seen(kind(), struck)[after] - STRUCK).max() < 0.05
+    assert np.abs(velocities_after_jump(kind(), struck)[after] - STRUCK).max() < 0.05
     without = kind(impact_test=ImpactTest(velocity_std_m_s=0.0))
-    assert np.abs(seen(without, struck)[after] - STRUCK).max() > 0.1
+    assert np.abs(velocities_after_jump(without, struck)[after] - STRUCK).max() > 0.1
 
 
 def test_two_samples_on_one_side_are_a_blow_and_neither_noise_nor_one_is():
     def wrong(samples, **constants):
         observer = FrictionKalman(**constants)
-        return seen(observer, lambda since: 0.05 * (0 <= since < (samples - 0.5) * T))
+        return velocities_after_jump(
+            observer, lambda since: 0.05 * (0 <= since < (samples - 0.5) * T)
+        )
 
     one, two = wrong(1), wrong(2)
     without = {"impact_test": ImpactTest(velocity_std_m_s=0.0)}

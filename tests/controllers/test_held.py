@@ -52,14 +52,14 @@ def designed(period):
     return sampled.A - sampled.B @ K, np.asarray(K)
 
 
-def seen(tick, x):
+def measurement_at(tick, x):
     return measured(x[:, 0::2])._replace(time=tick * T, state=x)
 
 
 def controlled(law, x, observer=Told):
     """A controller that has started at states x, one a rig."""
     controller = Controller(law, observer(), PerRigReference([Hold()] * len(x), T), T)
-    controller.start(seen(0, x))
+    controller.start(measurement_at(0, x))
     return controller
 
 
@@ -69,7 +69,7 @@ def driven(law, rigs, ticks):
     x, path, inputs = np.tile(FIRST, (rigs, 1)), [], []
     controller = controlled(law, x)
     for tick in range(ticks):
-        u = controller.applied(controller.command(seen(tick, x)).rate)
+        u = controller.applied(controller.command(measurement_at(tick, x)).rate)
         path.append(x)
         inputs.append(u)
         x = x @ step.A.T + u @ step.B.T
@@ -115,7 +115,7 @@ def test_laws_side_by_side_are_each_given_what_they_need():
     )
     x = np.zeros((3, 8))
     x[:, 0] = 10, 20, 30
-    u = controlled(law, x, Knowing).command(seen(0, x)).rate / T
+    u = controlled(law, x, Knowing).command(measurement_at(0, x)).rate / T
     np.testing.assert_allclose(u, [[13, 11], [22, 23], [31, 32]])
 
 
@@ -200,7 +200,7 @@ def test_the_controller_tells_computing_time_and_lateness_of_each_period():
     told, x = [], np.tile(FIRST, (2, 1))
     controller = controlled(PerRigLaw([HeldLaw(gain, 1, 0.005), gain]), x)
     for tick in range(8):
-        told.append(controller.command(seen(tick, x)).computing)
+        told.append(controller.command(measurement_at(tick, x)).computing)
         controller.applied(np.zeros((2, 2)))
     took, late = np.moveaxis(np.array(told), -1, 0)
     np.testing.assert_array_equal(took[:, 0], [0.005, *[np.nan] * 2] * 2 + [0.005, np.nan])

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from controllers.advanced import InternalModel, Predictive
 from controllers.classical import (
     AFL,
     LQR,
@@ -18,7 +17,9 @@ from controllers.classical import (
     SlidingMode,
 )
 from controllers.interfaces import Reference
+from controllers.predictive import Predictive
 from controllers.references import Hold, Sine
+from controllers.repetition import InternalModel
 
 LAWS = (
     PolePlacement(),

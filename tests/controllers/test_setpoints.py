@@ -1,11 +1,12 @@
-"""`controllers.references`.
+"""`controllers.setpoints`.
 
 Goals one after the other: how smooth the path is, where it stays, and what is refused."""
 
 import numpy as np
 import pytest
 
-from controllers.references import Circle, Setpoints
+from controllers.references import Circle
+from controllers.setpoints import Setpoints
 
 GOALS = ((1.0, 0.1, 0.05), (1.3, -0.2, 0.1), (1.32, 0.2, -0.1), (2.5, 0.0, 0.0))
 CIRCLE = {"kind": "circle", "amplitude": 0.15, "omega": 0.75}
@@ -72,5 +73,5 @@ def test_two_ways_to_go_on_know_nothing_of_each_other():
 def test_many_times_are_worked_out_in_blocks(monkeypatch):
     path = Setpoints(points=GOALS)
     at_once = path(TIMES)
-    monkeypatch.setattr("controllers.references.MAX_TIMES_AT_ONCE", 100)
+    monkeypatch.setattr("controllers.setpoints.MAX_TIMES_AT_ONCE", 100)
     assert (path(TIMES) == at_once).all()

@@ -317,11 +317,11 @@ def pushed(law, speed, ticks=1000):
         found.append(x[4])
         u = -law.command(feedback(k * T, x[None], Hold(), plan, (0.0,) * 6))[0, 1]
         before = rate
-        wished = rate + T * u
-        left = max(ANGLE - slope * np.sign(wished), 0.0)
+        desired = rate + T * u
+        left = max(ANGLE - slope * np.sign(desired), 0.0)
         most = min(RATE, math.sqrt(2 * ACCELERATION * left))
-        wished = min(max(wished, -most), most)
-        rate += min(max(wished - rate, -ACCELERATION * T), ACCELERATION * T)
+        desired = min(max(desired, -most), most)
+        rate += min(max(desired - rate, -ACCELERATION * T), ACCELERATION * T)
         eta, eta_rate = eta + T * eta_rate, eta_rate + T * MODEL.k1 * slope
         slope += T * (before + rate) / 2
     return np.array(found)

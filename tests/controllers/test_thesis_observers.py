@@ -359,7 +359,7 @@ def test_start_far_from_the_ball_stays_finite_and_arrives():
     np.testing.assert_allclose(x, [0.15, 0, 0, 0, -0.1, 0, 0, 0], atol=1e-4)
 
 
-def seen(state):
+def measurement_of(state):
     return measured(state[..., ::2])._replace(state=state)
 
 
@@ -368,7 +368,7 @@ def test_state_is_handed_on_but_for_the_plate_rates_and_not_written_to():
     observer.start(np.zeros((3, 8)))
     state = np.random.default_rng(0).normal(size=(3, 8))
     true = state.copy()
-    x = observer.correct(seen(true))
+    x = observer.correct(measurement_of(true))
     np.testing.assert_array_equal(x, state * ([1, 1, 1, 0] * 2))
     observer.predict(np.ones((3, 2)))
     np.testing.assert_array_equal(true, state)
@@ -380,9 +380,9 @@ def test_plate_rates_are_the_integral_of_the_applied_input():
     start, inputs = rng.normal(size=8), rng.normal(size=(20, 2))
     observer.start(start)
     for u in inputs:
-        observer.correct(seen(rng.normal(size=8)))
+        observer.correct(measurement_of(rng.normal(size=8)))
         observer.predict(u)
-    x = observer.correct(seen(np.zeros(8)))
+    x = observer.correct(measurement_of(np.zeros(8)))
     np.testing.assert_allclose(x[3::4], start[3::4] + 0.01 * inputs.sum(axis=0), rtol=1e-12)
 
 

@@ -13,7 +13,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from own_board import example
 
-from twin.run.files import ROS2_TABLES
+from twin.run.exporters import ROS2_TABLES
 
 mcap = pytest.importorskip("mcap_ros2._dynamic", reason="the extra mcap is not installed")
 PARTS = "".join(f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2_TABLES["parts"].items())
@@ -38,7 +38,7 @@ class Message:
         super().__setattr__(name, value)
 
 
-def made(kind):
+def make_message(kind):
     """A message of a type of the MCAP files of runs."""
     return Message(ROS2_TABLES["messages"][kind])
 
@@ -79,7 +79,7 @@ class Bus:
     def say(self, topic, change):
         """What a node of the rig says on a topic."""
         kind, callback = self.heard[topic]
-        message = made(kind.of)
+        message = make_message(kind.of)
         change(message)
         callback(carried(kind.of, message))
 
@@ -101,7 +101,7 @@ def place(x, y):
 
 
 def message_class(kind):
-    return type(kind.rpartition("/")[2], (), {"of": kind, "__new__": lambda _: made(kind)})
+    return type(kind.rpartition("/")[2], (), {"of": kind, "__new__": lambda _: make_message(kind)})
 
 
 @pytest.fixture

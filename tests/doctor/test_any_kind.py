@@ -1,4 +1,4 @@
-"""`twin.doctor.examine`: checks of devices of any kind, on own devices in virtual time.
+"""`twin.doctor.any_kind`: checks of devices of any kind, on own devices in virtual time.
 
 The classes are files that a rig file names; their plate integrates the commanded rates.
 """
@@ -10,8 +10,9 @@ import pytest
 
 from twin.devices.own import OwnServos
 from twin.doctor import examine as examination
+from twin.doctor.any_kind import ANY_KIND_ADVICE, DeviceCheck, any_screen, any_servos
 from twin.doctor.check import CheckStatus, report_errors
-from twin.doctor.examine import ANY_KIND_ADVICE, DeviceCheck, any_screen, any_servos, examine
+from twin.doctor.examine import examine
 from twin.scenario import load
 from twin.scenario.rig import check_rig
 

@@ -25,8 +25,9 @@ from twin.doctor.check import (
     report_errors,
     warn_check,
 )
+from twin.doctor.computer import ComputerCheck, computer
 from twin.doctor.drives import limits
-from twin.doctor.examine import ComputerCheck, _drives, computer
+from twin.doctor.examine import _drives
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import EmulatedPlant

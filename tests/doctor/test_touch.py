@@ -9,7 +9,7 @@ from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.calibrate import fit_calibration, measure_touch, usual_points
 from twin.doctor.check import CheckStatus
-from twin.doctor.examine import check_calibration, touch
+from twin.doctor.lumio import check_calibration, touch
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import Protocol, ScreenLine
 from twin.scenario.rig import check_rig
@@ -163,7 +163,7 @@ def test_a_point_that_is_not_touched_is_named_in_one_line_and_so_is_a_wrong_prot
             measure_touch(wrong, usual_points(), hand.ask, 2.0)
 
 
-def seen(points):
+def measure_points(points):
     dice = np.random.default_rng(0)
     screen = Calibration.nominal()
     return np.array([screen.screen(*(point + dice.normal(0, 5e-4, 2))) for point in points])
@@ -172,8 +172,8 @@ def seen(points):
 @pytest.mark.parametrize("wrong", range(9))
 def test_a_point_touched_elsewhere_is_named_in_one_line(wrong):
     points = np.array(usual_points())
-    said = seen(points)
-    said[wrong] = seen(points + np.array([0.0, 0.03]))[wrong]
+    said = measure_points(points)
+    said[wrong] = measure_points(points + np.array([0.0, 0.03]))[wrong]
     with pytest.raises(CalibrationError, match=rf"contradict one another: {wrong + 1}, x .* order"):
         fit_calibration(said, points)
 
@@ -192,7 +192,7 @@ def test_points_touched_by_hand_are_seldom_refused():
 
 def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():
     points = np.array(usual_points())[[0, 2, 6, 8]]
-    said = seen(points)
+    said = measure_points(points)
     assert fit_calibration(said, points).rms < 1e-3
     said[0] += 0.05
     with pytest.raises(CalibrationError, match="contradict one another"):
@@ -201,7 +201,7 @@ def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():
 
 def test_a_measured_calibration_is_what_a_rig_file_that_names_it_has(tmp_path):
     points = np.array(usual_points())
-    found = fit_calibration(seen(points), points)
+    found = fit_calibration(measure_points(points), points)
     file = tmp_path / "touch.json"
     found.save(file)
     rig = rig_with(calibration_file=str(file))

@@ -19,7 +19,8 @@ from twin.emulator.lockstep import LockstepRig
 from twin.identify.logs import read
 from twin.run.finished import run, save
 from twin.run.logs import read_log
-from twin.scenario.load import check, put, setting
+from twin.scenario.load import check
+from twin.scenario.merging import put, setting
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 

@@ -20,7 +20,7 @@ from click.testing import CliRunner
 from serving import serving
 
 from twin.base.jobs import wait_until
-from twin.cli.runs import export, report
+from twin.cli.see import export, report
 from twin.devices.akd.traces import read_trace
 from twin.emulator.power_stage import MASTER_SILENT
 from twin.emulator.screen import Protocol

@@ -15,7 +15,7 @@ SOON = {"frame": 0.004, "dead_time": 0.01}
 """A screen that looks four times as often as a real one and tells at once."""
 
 
-def said(line, begin, end):
+def collect_bytes(line, begin, end):
     """Portions of bytes and their times, looked for every millisecond of made-up time."""
     times = [begin + 0.001 * k for k in range(round(1000 * (end - begin)))]
     return [(now, part) for now in times for part in line.step(now)]
@@ -23,15 +23,15 @@ def said(line, begin, end):
 
 @pytest.mark.parametrize("balls", [[], [(0.36, 0.0)]], ids=["none", "beside"])
 def test_what_does_not_touch_the_screen_is_not_felt(balls):
-    assert said(ScreenLine(lambda: balls, **SOON), 0.0, 0.1) == []
+    assert collect_bytes(ScreenLine(lambda: balls, **SOON), 0.0, 0.1) == []
 
 
 def test_a_ball_that_leaves_gives_exactly_one_lift_off_at_its_last_place():
     balls = [(0.0, 0.0)]
     line = ScreenLine(lambda: balls, protocol=Protocol.HID_0007, **SOON)
-    said(line, 0.0, 0.08)
+    collect_bytes(line, 0.0, 0.08)
     balls.clear()
-    reports = [part for _, part in said(line, 0.08, 0.16)]
+    reports = [part for _, part in collect_bytes(line, 0.08, 0.16)]
     assert [report[0] for report in reports].count(0x30) == 1
     assert reports[-1][0] == 0x30
     assert len({report[1:] for report in reports}) == 1
@@ -40,14 +40,14 @@ def test_a_ball_that_leaves_gives_exactly_one_lift_off_at_its_last_place():
 def test_bytes_never_come_faster_than_the_line_carries_them():
     line = ScreenLine(lambda: [(0.0, 0.0)], protocol=Protocol.ELO, baud=4800)
     line.damage.inject(ScreenFault.FLOOD, 2.0)
-    parts = said(line, 0.0, 1.0)
+    parts = collect_bytes(line, 0.0, 1.0)
     total = sum(len(part) for _, part in parts[1:])
     assert total > 300
     assert parts[-1][0] - parts[0][0] >= total * 10 / 4800 - 0.001
 
 
 def test_nothing_arrives_before_the_dead_time_is_over():
-    parts = said(ScreenLine(lambda: [(0.0, 0.0)], dead_time=0.1), 0.0, 0.2)
+    parts = collect_bytes(ScreenLine(lambda: [(0.0, 0.0)], dead_time=0.1), 0.0, 0.2)
     ends = [now for n, (now, _) in enumerate(parts) if sum(len(p) for _, p in parts[: n + 1]) >= 5]
     assert ends[0] == pytest.approx(0.1, abs=0.0015)
 

@@ -62,7 +62,9 @@ class SameInPython(Law):
         return -(x - wanted) @ GAINS.T
 
 
-def written(folder, *, fmi=2, bad=0, at=1.0, total=0.0, inputs=INPUTS, outputs=ACCELERATIONS):
+def compile_controller(
+    folder, *, fmi=2, bad=0, at=1.0, total=0.0, inputs=INPUTS, outputs=ACCELERATIONS
+):
     rows = ", ".join("{%s}" % ", ".join(map(repr, row.tolist())) for row in GAINS)  # noqa: UP031
     source = Path(__file__).with_name("controller.c")
     library = folder / f"controller{fmi}.so"
@@ -76,7 +78,7 @@ def written(folder, *, fmi=2, bad=0, at=1.0, total=0.0, inputs=INPUTS, outputs=A
     subprocess.run([*made, "-o", library], check=True)
     causality = [*((each, "input") for each in inputs), *((each, "output") for each in outputs)]
     variables = "".join(
-        VARIABLE[fmi].format(name, what, i, 'start="0"' * (what == "input"))
+        VARIABLE[fmi].format(name, what, i, 'start="0"' if what == "input" else "")
         for i, (name, what) in enumerate(causality)
     )
     gives = "".join(GIVEN[fmi].format(i, i + 1) for i in range(len(inputs), len(causality)))
@@ -106,7 +108,7 @@ def run(path, **settings):
 @pytest.mark.short("3")
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_it_does_what_the_same_feedback_does_in_python(tmp_path, fmi):
-    path = written(tmp_path, fmi=fmi)
+    path = compile_controller(tmp_path, fmi=fmi)
     catalog.register(SameInPython)
     try:
         rigs = [{"seed": 1}, {"seed": 2, "plant__friction__rolling_mm": 0.3}]
@@ -122,7 +124,7 @@ def test_it_does_what_the_same_feedback_does_in_python(tmp_path, fmi):
 
 @pytest.mark.long
 def test_each_rig_has_an_instance_that_remembers_its_own(tmp_path):
-    path = str(written(tmp_path, total=0.02))
+    path = str(compile_controller(tmp_path, total=0.02))
     rigs = [scenario("fmu", controller__file=path, seed=seed) for seed in (1, 2)]
     alone = [simulate([each])[0] for each in rigs]
     assert simulate(rigs) == alone
@@ -132,7 +134,7 @@ def test_each_rig_has_an_instance_that_remembers_its_own(tmp_path):
 @pytest.mark.long
 def test_rates_are_what_the_plate_is_told(tmp_path):
     # what is requested is a period of the difference to the rate of before, here added up anew
-    path = written(tmp_path, outputs=("rate_phi", "rate_theta"))
+    path = compile_controller(tmp_path, outputs=("rate_phi", "rate_theta"))
     record = run(path, duration=0.1).record
     error = record["estimate"][:, 0].copy()
     along = build_reference(scenario("afl"))(record.time)
@@ -147,7 +149,7 @@ def test_rates_are_what_the_plate_is_told(tmp_path):
 
 def test_periods_that_a_loop_missed_pass_for_an_fmu_too(tmp_path):
     # its integrator adds up x once a step of 2 ms: three of them, then those missed up to 20 ms
-    law = fmu.FmuLaw(file=str(written(tmp_path, total=1.0)))
+    law = fmu.FmuLaw(file=str(compile_controller(tmp_path, total=1.0)))
     process = law.start(np.zeros(8), None, 0.002)
     given = np.zeros((1, len(fmu.FMU_INPUT_NAMES)))
     given[0, fmu.FMU_INPUT_NAMES.index("equivalent_x")] = 1.0
@@ -161,7 +163,7 @@ def test_periods_that_a_loop_missed_pass_for_an_fmu_too(tmp_path):
     [(1, "no numbers"), (2, "no answer within 0.3 s"), (3, "process ended"), (4, "fmi2DoStep")],
 )
 def test_what_fails_is_one_line_and_ends_the_run(tmp_path, bad, words):
-    path = written(tmp_path, bad=bad, at=0.2)
+    path = compile_controller(tmp_path, bad=bad, at=0.2)
     with pytest.raises(LawError) as caught:
         run(path, controller__time_limit=0.3, duration=0.5)
     assert words in str(caught.value)
@@ -178,16 +180,16 @@ def test_files_that_are_no_controller_are_named(tmp_path):
     with pytest.raises(LawError, match=r"controller\.file .*text\.fmu: "):
         run(other)
     with pytest.raises(LawError, match="has the input speed; inputs may be estimated_x"):
-        run(written(tmp_path, inputs=["speed"]))
+        run(compile_controller(tmp_path, inputs=["speed"]))
     with pytest.raises(LawError, match="must have the outputs rate_phi and rate_theta"):
-        run(written(tmp_path, outputs=("phi",)))
+        run(compile_controller(tmp_path, outputs=("phi",)))
 
 
 WIRE = {"plant.kind": "mujoco", "duration": 4.0, "controller.kind": "fmu", "baseline": False}
 
 
 def on_the_wire(tmp_path, **faulty):
-    path = written(tmp_path, **faulty)
+    path = compile_controller(tmp_path, **faulty)
     return bp.run(
         "circle", WIRE | {"controller.file": str(path)}, on="emulated", out=tmp_path / "r"
     )

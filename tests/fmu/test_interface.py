@@ -274,7 +274,7 @@ def test_every_name_of_the_maestro_files_is_one_of_the_fmu_of_the_right_kind(tmp
     files = re.findall(r"^```json\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     model, run = (json.loads(each) for each in files)
     path = tmp_path / "rig.fmu"
-    bp.fmu("circle", path, wished=True, duration=0.02)
+    bp.fmu("circle", path, with_reference=True, duration=0.02)
     of_rig = {f"{{rig}}.rig.{name}": each for name, each in variables(path).items()}
     of_law = {f"{{controller}}.law.{name}": "input" for name in fmu_law.FMU_INPUT_NAMES}
     of_law |= {f"{{controller}}.law.{name}": "output" for name in fmu_law.RATE_OUTPUTS}
@@ -361,15 +361,15 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
 @pytest.mark.parametrize("fmi", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exported):
     path = tmp_path / "rig.fmu"
-    bp.fmu("sine", path, duration=1.0, fmi=fmi, wished=True)
+    bp.fmu("sine", path, duration=1.0, fmi=fmi, with_reference=True)
     assert validate_fmu(str(path)) == []
     names = [f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"]
     found = fmpy.simulate_fmu(str(path), output=names, stop_time=1.2, output_interval=0.002)
     scenario = exact("sine", duration=1.0)
     time = np.minimum(found["time"], 1.0)
-    wished = build_reference(scenario)(time)
+    desired = build_reference(scenario)(time)
     for i, name in enumerate(names):
-        np.testing.assert_allclose(found[name], wished[i // 2, :, i % 2], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found[name], desired[i // 2, :, i % 2], rtol=0, atol=1e-12)
     assert np.ptp(found["reference_x_acc"]) > 1e-3
     later = fmpy.simulate_fmu(
         str(path), output=names, start_time=0.5, stop_time=0.6, output_interval=0.002

@@ -147,7 +147,8 @@ def both(scenario, c, ticks, rates=wish, seed=0):
 
 
 @pytest.mark.parametrize(
-    "effect", [pytest.param(each, marks=[pytest.mark.long][each == "all" :]) for each in EFFECTS]
+    "effect",
+    [pytest.param(each, marks=[pytest.mark.long] if each == "all" else []) for each in EFFECTS],
 )
 def test_every_effect_is_that_of_the_twin(library, effect):
     scenario = exact(seed=7, **EFFECTS[effect])

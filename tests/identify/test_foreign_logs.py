@@ -18,7 +18,8 @@ from twin.base.errors import LogError
 from twin.identify.any_logs import read_any
 from twin.identify.log_columns import wanted_columns
 from twin.identify.logs import read
-from twin.run.files import export, sorted_out
+from twin.run.exporters import export
+from twin.run.files import sorted_out
 from twin.run.logs import read_csv, read_log
 
 T = np.arange(0.0, 4.0, 0.02)

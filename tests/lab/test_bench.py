@@ -106,17 +106,17 @@ def small(tmp_path_factory):
     rows = (V1 / "rigs.csv").read_text().splitlines(keepends=True)
     (folder / "rigs.csv").write_text("".join(rows[: RIGS + 1]))
     found = Benchmark(folder)
-    known = ran(found, found.about.laws["lqr"], folder, Store(folder / "runs"))
+    known = run_entry(found, found.about.laws["lqr"], folder, Store(folder / "runs"))
     known = known.assign(reference=known["rms_distance"])[["task", "rig", "noise", "reference"]]
     known.to_csv(folder / "reference.csv", index=False)
     return found
 
 
-def ran(benchmark, entry, place, store=None):
+def run_entry(benchmark, entry, place, store=None):
     return benchmark.run_entry(entry, Path(place), store or Store(None), processes=1)
 
 
-def own(folder, line="pass"):
+def write_entry(folder, line="pass"):
     (folder / "own.py").write_text(textwrap.dedent(LAW).replace("{0}", line))
     return Entry(title="Own", file="own.py")
 
@@ -140,7 +140,7 @@ def test_the_mean_between_the_quartiles_and_its_interval():
 
 
 def test_the_reference_law_is_one_everywhere_and_lost_balls_are_the_worst(small):
-    rows = ran(small, small.about.laws["lqr"], small.folder, Store(small.folder / "runs"))
+    rows = run_entry(small, small.about.laws["lqr"], small.folder, Store(small.folder / "runs"))
     for score in small.scores(rows):
         assert (score.error, score.low, score.high, score.worst) == (1.0, 1.0, 1.0, 1.0)
         assert score.kept == RIGS
@@ -160,7 +160,7 @@ def test_the_reference_law_is_one_everywhere_and_lost_balls_are_the_worst(small)
 def test_a_better_law_scores_better_and_one_that_drops_every_ball_worst(small, tmp_path):
     lines = ("pass", "e = 0 * e", "return np.full(e.shape, 300.0)")
     steady, lazy, wild = (
-        small.scores(ran(small, own(tmp_path, line), tmp_path))[0] for line in lines
+        small.scores(run_entry(small, write_entry(tmp_path, line), tmp_path))[0] for line in lines
     )
     assert steady.error < lazy.error < wild.error
     assert (wild.error, wild.kept, steady.kept) == (10.0, 0, RIGS)
@@ -168,8 +168,8 @@ def test_a_better_law_scores_better_and_one_that_drops_every_ball_worst(small, t
 
 @pytest.mark.long
 def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
-    entry, folder = own(tmp_path), tmp_path / "entry"
-    rows = ran(small, entry, tmp_path, Store(folder))
+    entry, folder = write_entry(tmp_path), tmp_path / "entry"
+    rows = run_entry(small, entry, tmp_path, Store(folder))
     small.write(folder, entry, tmp_path, rows)
     (folder / "own.py").write_text("raise SystemExit")  # a verifier runs nothing of it
     assert list(small.replay(folder)) == []
@@ -201,8 +201,8 @@ def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
 
 @pytest.mark.long
 def test_efforts_and_commands_of_an_entry_are_looked_at(small, tmp_path):
-    entry, folder = own(tmp_path), tmp_path / "entry"
-    rows = ran(small, entry, tmp_path, Store(folder))
+    entry, folder = write_entry(tmp_path), tmp_path / "entry"
+    rows = run_entry(small, entry, tmp_path, Store(folder))
     small.write(folder, entry, tmp_path, rows)
     assert list(small.replay(folder)) == []
     assert small.confirmed.startswith("confirmed on 2 of 4 rigs replayed: ")
@@ -254,7 +254,7 @@ def test_an_entry_in_another_language_is_scored_and_verified(small, tmp_path, ex
     name, entry, where = small.entry(place)
     assert (name, where) == (example, place)
     assert entry.authors
-    rows = ran(small, entry, where, Store(folder))
+    rows = run_entry(small, entry, where, Store(folder))
     assert set(rows["outcome"]) == {"finished"}
     small.write(folder, entry, where, rows)
     assert (folder / "README.md").read_text() == (place / "README.md").read_text()
@@ -263,7 +263,7 @@ def test_an_entry_in_another_language_is_scored_and_verified(small, tmp_path, ex
 
 
 def test_what_is_said_of_a_law_s_file_in_the_entry_toml_beside_it_stands(small, tmp_path):
-    own(tmp_path)
+    write_entry(tmp_path)
     table = tmp_path / "entry.toml"
     assert small.entry(tmp_path / "own.py")[1] == Entry(title="own", file="own.py")
     for file, title in (("own.py", "Mine"), ("other.py", "own")):
@@ -282,7 +282,7 @@ def test_rows_of_a_dask_cluster_are_those_of_one_process_to_the_byte(
 ):
     from distributed import LocalCluster
 
-    entry, written = own(tmp_path), []
+    entry, written = write_entry(tmp_path), []
     with LocalCluster(
         n_workers=processes, threads_per_worker=threads, processes=True, dashboard_address=None
     ) as running:
@@ -301,13 +301,15 @@ def test_rows_of_a_dask_cluster_are_those_of_one_process_to_the_byte(
 
 @pytest.mark.long
 def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, monkeypatch):
-    entry, store = own(tmp_path), Store(tmp_path / "kept")
-    first = ran(small, entry, tmp_path, store)
+    entry, store = write_entry(tmp_path), Store(tmp_path / "kept")
+    first = run_entry(small, entry, tmp_path, store)
     monkeypatch.setattr(bench, "carry_out_entry", lambda *_: pytest.fail("run again"))
-    pd.testing.assert_frame_equal(ran(small, entry, tmp_path, Store(tmp_path / "kept")), first)
-    changed = own(tmp_path, "e = 1.01 * e")
+    pd.testing.assert_frame_equal(
+        run_entry(small, entry, tmp_path, Store(tmp_path / "kept")), first
+    )
+    changed = write_entry(tmp_path, "e = 1.01 * e")
     with pytest.raises(pytest.fail.Exception, match="run again"):
-        ran(small, changed, tmp_path, Store(tmp_path / "kept"))
+        run_entry(small, changed, tmp_path, Store(tmp_path / "kept"))
 
 
 @pytest.mark.short("1 / 0-*", "import twin.sim-*")
@@ -324,7 +326,7 @@ def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, 
 def test_an_entry_that_fails_is_refused_in_a_line(small, tmp_path, monkeypatch, line, words):
     monkeypatch.setattr(bench_entries, "MAX_CHUNK_CPU_S", 2.0)
     with pytest.raises(LawError, match=words) as caught:
-        ran(small, own(tmp_path, line), tmp_path)
+        run_entry(small, write_entry(tmp_path, line), tmp_path)
     assert "\n" not in str(caught.value)
 
 
@@ -355,21 +357,21 @@ def test_code_has_more_time_for_more_runs(tmp_path, monkeypatch, runs, seconds):
 
     monkeypatch.setattr(bench_entries, "answering", answering)
     monkeypatch.setattr(bench_entries, "carry_out", len)
-    assert bench_entries.carry_out_entry(own(tmp_path), tmp_path, [None] * runs) == runs
+    assert bench_entries.carry_out_entry(write_entry(tmp_path), tmp_path, [None] * runs) == runs
 
 
 def test_what_is_no_entry_s_is_refused(small, tmp_path):
     with pytest.raises(ScenarioError, match="an entry may set controller, observer, predictor"):
-        ran(small, Entry(title="Cheat", set=("plant.friction.rolling_mm=0",)), tmp_path)
+        run_entry(small, Entry(title="Cheat", set=("plant.friction.rolling_mm=0",)), tmp_path)
     for file in ("none.py", "../own.py"):
         with pytest.raises(ScenarioError, match=r"must be a file next to the entry\.toml"):
-            ran(small, Entry(title="Cheat", file=file), tmp_path)
+            run_entry(small, Entry(title="Cheat", file=file), tmp_path)
         with pytest.raises(ScenarioError, match=r"must be a file next to the entry\.toml"):
             small.processor_time(Entry(title="Cheat", file=file), tmp_path)
-    own(tmp_path)
+    write_entry(tmp_path)
     for text in ("controller.kind=pid", 'controller={kind="pid"}'):
         with pytest.raises(ScenarioError, match="set: controller: is the entry's own file"):
-            ran(small, Entry(title="Both", file="own.py", set=(text,)), tmp_path)
+            run_entry(small, Entry(title="Both", file="own.py", set=(text,)), tmp_path)
     with pytest.raises(ScenarioError, match="neither a shipped law"):
         small.entry("none")
     with pytest.raises(
@@ -510,7 +512,7 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     told = json.loads(called("run", law, "--season", KEY, "-j", 1, "--json"))
     # both laws beside each other on these rigs, run by run
     error, reference = (
-        ran(season, Entry(title="", set=(f"controller={{{text}}}",)), ".")["rms_distance"]
+        run_entry(season, Entry(title="", set=(f"controller={{{text}}}",)), ".")["rms_distance"]
         for text in ('kind="pid"', 'kind="lqr",rho=100.0,kappa=0.1')
     )
     part = np.sort((error / reference).to_numpy().reshape(2, 3 * 2))

@@ -18,10 +18,12 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from twin.lab.copies import find_alike
+from twin.lab.deals import deal
 from twin.lab.handed_in import Submission, collect
+from twin.lab.handing_out import fill_answer, hand_out
 from twin.lab.packs import begin as begin_lab
 from twin.lab.pages import class_page
-from twin.lab.schema import Lab, deal, fill_answer, hand_out, read
+from twin.lab.schema import Lab, read
 from twin.lab.selftest import candidates
 
 MINI = Path(__file__).parent / "mini"

@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 from twin.lab import judge
+from twin.lab.deals import deal
+from twin.lab.handing_out import hand_out
 from twin.lab.judge import Judge, Measured
 from twin.lab.packs import begin
 from twin.lab.pages import Drawing, class_page, student_page
 from twin.lab.result_texts import table
-from twin.lab.schema import deal, hand_out, read
+from twin.lab.schema import read
 from twin.lab.words import WORD_TABLES
 
 Command = Callable[..., tuple[int, str, str]]

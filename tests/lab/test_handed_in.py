@@ -19,9 +19,10 @@ from twin.base.errors import ScenarioError, printable
 from twin.cli import ballplate as command
 from twin.lab.grade import grade, result_without_points
 from twin.lab.handed_in import MAX_COPIED_FILES, collect, copy_files
+from twin.lab.handing_out import check_name
 from twin.lab.pages import class_page
 from twin.lab.result_files import marks
-from twin.lab.schema import Lab, check_name, read
+from twin.lab.schema import Lab, read
 
 LAB = """
 schema = "ballplate/lab/v1"

@@ -70,7 +70,7 @@ points = 1
 """
 
 
-def judged(tmp_path: Path, text: str, lab: str = LAB) -> dict[str, object]:
+def grade_answer(tmp_path: Path, text: str, lab: str = LAB) -> dict[str, object]:
     (tmp_path / "lab.toml").write_text(lab)
     for name in ("family.toml", "hold.toml"):
         (tmp_path / name).write_text((MINI / name).read_text())
@@ -80,12 +80,12 @@ def judged(tmp_path: Path, text: str, lab: str = LAB) -> dict[str, object]:
 
 @pytest.mark.long
 def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Path) -> None:
-    found = judged(tmp_path, FUNCTION)
+    found = grade_answer(tmp_path, FUNCTION)
     assert [each["score"] for each in found["results"]] == [4.0, 1.0]
     assert found["results"][0]["data"]["value"] == 0
     assert found["results"][1]["data"]["value"] == pytest.approx(0.004)
     same = "def begin(log, late=0):\n    return {'start': 0.09}\n"
-    (off, _) = judged(tmp_path, same)["results"]
+    (off, _) = grade_answer(tmp_path, same)["results"]
     rigs = draw_rigs(read_family(str(MINI / "family.toml")), 1, 4)
     worst = max(abs(rig.point["plant.start.x"] - 0.09) for rig in rigs)
     assert off["data"]["value"] == pytest.approx(worst)
@@ -115,7 +115,7 @@ def test_a_function_that_gives_none_fails_with_one_line(
 ) -> None:
     text = f"import numpy as np\n\ndef begin(log, late=0.0):\n    {line}\n"
     lab = LAB[: LAB.rindex("[[check]]")].replace("seconds = 3", "seconds = 1")
-    why = judged(tmp_path, text, lab)["results"][0]["cause"]["rationale"]
+    why = grade_answer(tmp_path, text, lab)["results"][0]["cause"]["rationale"]
     assert said in why
     assert why.startswith("answer.py")
     assert "\n" not in why
@@ -144,9 +144,9 @@ def test_a_wrong_table_of_a_function_is_one_line(tmp_path: Path) -> None:
         ("given = {late = 0.05}", "given = {late = 1979-05-27}", "is a date"),
     ):
         with pytest.raises(ScenarioError) as caught:
-            judged(tmp_path, FUNCTION, LAB.replace(old, new))
+            grade_answer(tmp_path, FUNCTION, LAB.replace(old, new))
         assert said in str(caught.value)
-    why = judged(tmp_path, FUNCTION.replace("begin", "start"))["results"][0]["cause"]
+    why = grade_answer(tmp_path, FUNCTION.replace("begin", "start"))["results"][0]["cause"]
     assert "must define a function begin" in why["rationale"]
 
 
@@ -214,7 +214,7 @@ def test_an_observers_lab_tells_a_good_one_from_a_perverse_one(tmp_path: Path) -
     )
     set_ = '\nset = ["duration=2.0", "metrics.start=1.0", "plant.start.x=0.05"]\n'
     texts = (OBSERVER, OBSERVER.replace("+= self._alpha", "-= self._alpha"))
-    scores = [judged(tmp_path, text, lab + set_)["score"] for text in texts]
+    scores = [grade_answer(tmp_path, text, lab + set_)["score"] for text in texts]
     assert read(tmp_path).answer.file == "answer.py"
     assert scores == [2.0, 0.0]
 

@@ -17,25 +17,16 @@ import pytest
 import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import process
+from twin.lab.deals import PRACTICE_KEY, deal, reload_deal
 from twin.lab.grade import grade, grade_submission
 from twin.lab.handed_in import collect
+from twin.lab.handing_out import fill_answer, hand_out, make_starter, read_class
 from twin.lab.judge import Judge, Measured, judge_answer
 from twin.lab.packs import begin, pack
 from twin.lab.pages import student_page
 from twin.lab.process import ANSWER_NAME, answering
 from twin.lab.result_files import format_result, marks
-from twin.lab.schema import (
-    PRACTICE_KEY,
-    PRIVATE_FILES,
-    CheckTable,
-    deal,
-    fill_answer,
-    hand_out,
-    read,
-    reload_deal,
-    starter,
-    students,
-)
+from twin.lab.schema import PRIVATE_FILES, CheckTable, read
 from twin.lab.selftest import SELF_TEST, candidates, selftest, try_answer
 from twin.run.loop import simulate
 from twin.scenario import load
@@ -196,7 +187,7 @@ def test_a_rig_to_practise_on_is_taken_without_a_key_under_any_name(tmp_path: Pa
 def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:
     file = tmp_path / "class.csv"
     file.write_text("id,name\nann,A\n\nbob@x.org,B\n")
-    assert students(file) == {"ann": "A", "bob@x.org": "B"}
+    assert read_class(file) == {"ann": "A", "bob@x.org": "B"}
     for text, said in (
         ("id\nann\nann\n", "two students"),
         ("id\n../x\n", "letters"),
@@ -204,7 +195,7 @@ def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:
     ):
         file.write_text(text)
         with pytest.raises(ScenarioError, match=said):
-            students(file)
+            read_class(file)
 
 
 @pytest.mark.parametrize("between", [",", ";", "\t"])
@@ -215,11 +206,11 @@ def test_a_class_is_read_as_spreadsheets_write_it(
     file = tmp_path / "class.csv"
     rows = (("id", "name"), ("M\xfcller", "A"), ("bob", '"B\r\nC"'))
     file.write_bytes("".join(between.join(row) + "\r\n" for row in rows).encode(encoding))
-    assert [*students(file)] == ["M\xfcller", "bob"]
+    assert [*read_class(file)] == ["M\xfcller", "bob"]
 
 
 def test_a_starter_is_a_solution_without_what_stands_between_its_marks() -> None:
-    assert starter(SOLUTION) == (MINI / "answer.py").read_text()
+    assert make_starter(SOLUTION) == (MINI / "answer.py").read_text()
     assert "X = 2.5  # told: a.b\n" in fill_answer("X = 1  # told: a.b\n", {"a.b": 2.5})
 
 
@@ -674,7 +665,7 @@ def test_a_new_lab_is_one_and_its_starter_is_made_from_its_solution(tmp_path: Pa
     begin("my_own", tmp_path / "lab")
     lab = read(tmp_path / "lab")
     assert (lab.name, lab.title, len(lab.checks(hidden=True))) == ("my_own", "My own", 3)
-    assert starter(lab.text("solution.py")) == lab.text("answer.py")
+    assert make_starter(lab.text("solution.py")) == lab.text("answer.py")
     assert len(candidates(lab)) == 5
     assert "NAME" not in "".join(lab.text(each) for each in ("lab.toml", "task.md", "notes.md"))
     with pytest.raises(RecordError, match="exists; give a new folder"):

@@ -81,7 +81,7 @@ def test_the_examples_give_what_the_same_law_gives_in_numpy(tmp_path, example) -
         assert asked.failure is None
 
 
-def own(folder: Path, lines: str, **settings: object) -> AnswerTable:
+def write_program(folder: Path, lines: str, **settings: object) -> AnswerTable:
     """A program that is told what any program is, in Python without the twin."""
     (folder / "law.txt").write_text(OTHER + lines)
     command = (sys.executable, "-IS", "law.txt")
@@ -107,7 +107,7 @@ def test_a_program_is_told_what_the_page_says(tmp_path) -> None:
     assert what == 1
     say(told[20], told[50 + 1], told[-30], time)
 """
-    got, wanted = commanded(tmp_path, own(tmp_path, lines)), PATH(0.502)[0]
+    got, wanted = commanded(tmp_path, write_program(tmp_path, lines)), PATH(0.502)[0]
     assert got.tolist() == [wanted.tolist(), [20.0, 0.502]]
 
 
@@ -117,7 +117,7 @@ def test_an_observer_may_be_a_program(tmp_path) -> None:
         rigs = len(told) // (6 if what == 1 else 2)
         say(*[what + 10 * rig + told[-1] for rig in range(rigs) for _ in range(16)])
 """
-    about = own(tmp_path, lines, kind="observer")
+    about = write_program(tmp_path, lines, kind="observer")
     with answering(tmp_path / about.file, about):
         observer = catalog.catalog(Observer)[ANSWER_NAME]()
         observer.start(np.zeros((2, 8)))
@@ -155,14 +155,14 @@ def test_an_observer_may_be_a_program(tmp_path) -> None:
 )
 def test_a_program_that_fails_is_told_in_one_line(tmp_path, lines, said) -> None:
     with pytest.raises(LawError) as caught:
-        commanded(tmp_path, own(tmp_path, lines))
+        commanded(tmp_path, write_program(tmp_path, lines))
     assert said in str(caught.value)
     assert str(caught.value).startswith("law.txt: ")
     assert "\n" not in str(caught.value)
 
 
 def test_a_program_that_cannot_be_begun_is_told_in_one_line(tmp_path) -> None:
-    about = own(tmp_path, "")
+    about = write_program(tmp_path, "")
     (tmp_path / "law.txt").write_bytes(b"\x7fELF no program")
     for command, said in (
         (("no-such-program",), "command: 'no-such-program': no such program here"),
@@ -174,7 +174,7 @@ def test_a_program_that_cannot_be_begun_is_told_in_one_line(tmp_path) -> None:
         assert "\n" not in str(caught.value)
     for kind in ("function", "numbers"):
         with pytest.raises(ValueError, match="command: belongs to an answer of kind law or obs"):
-            AnswerTable(kind=kind, asked={"x": "m"}, function="f" * (kind == "function"),
+            AnswerTable(kind=kind, asked={"x": "m"}, function="f" if kind == "function" else "",
                         command=("node",))  # fmt: skip
 
 
@@ -195,7 +195,7 @@ def test_a_program_reads_nothing_of_the_rigs_and_writes_nowhere_else(tmp_path) -
     open('own.txt', 'w').write('mine')
     if what: say(found, 0, 0, 0)
 """
-    assert commanded(tmp_path, own(tmp_path, lines))[0, 0] == 3
+    assert commanded(tmp_path, write_program(tmp_path, lines))[0, 0] == 3
 
 
 def shut_in_here() -> bool:

@@ -9,8 +9,10 @@ import can
 import numpy as np
 import pytest
 
+from twin.lab.deals import LOG_FILE, deal, write_log
+from twin.lab.handing_out import make_starter
 from twin.lab.judge import judge_answer
-from twin.lab.schema import LOG_FILE, deal, read, record, shipped_labs, starter
+from twin.lab.schema import read, shipped_labs
 from twin.lab.selftest import candidates, prepare_answer
 
 LABS = sorted(shipped_labs())
@@ -51,7 +53,7 @@ def test_a_starter_is_what_remains_of_its_solution(name: str) -> None:
     lab = read(name)
     if lab.answer.data:
         pytest.skip("its starter is data")
-    made = starter((lab.folder / "solution.py").read_text("utf-8"))
+    made = make_starter((lab.folder / "solution.py").read_text("utf-8"))
     assert made == (lab.folder / "answer.py").read_text("utf-8")
 
 
@@ -66,7 +68,7 @@ def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> 
     for own, other in ((least, most), (most, least)):
         folder = tmp_path / own.student
         folder.mkdir()
-        record(lab, own, folder / LOG_FILE)
+        write_log(lab, own, folder / LOG_FILE)
         answer = prepare_answer(lab, solution, own, folder)
         found, copied = (judge_answer(lab, each, answer, hidden=False) for each in (own, other))
         assert found["score"] == found["max_score"]
@@ -105,7 +107,7 @@ BEGINS = 2.1005
 def test_a_trace_of_the_wire_shows_the_fault_that_was_dealt(fault: str, tmp_path: Path) -> None:
     lab = read("wire")
     point = {"wire.fault": fault, "wire.node": 2.0, "wire.begins": BEGINS, "wire.lost": 3.0}
-    record(lab, deal(lab, "ann", KEY)._replace(point=point), tmp_path / LOG_FILE)
+    write_log(lab, deal(lab, "ann", KEY)._replace(point=point), tmp_path / LOG_FILE)
     with can.CanutilsLogReader(tmp_path / "bus.log") as frames:  # another's reader of this format
         said = [(each.timestamp, each.arbitration_id, bytes(each.data)) for each in frames]
     pdos, beats = (

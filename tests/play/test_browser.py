@@ -120,7 +120,7 @@ def browser():
             one.close()
 
 
-def seen(page, name):
+def read_number(page, name):
     """A number that the plate shows."""
     return float(page.locator("svg[data-time]").get_attribute(f"data-{name}"))
 
@@ -138,7 +138,7 @@ def sides(page):
     found = [
         [float(re.search(r"-?\d+\.\d+", text)[0]) for text in each] for each in page.evaluate(SIDES)
     ]
-    return seen(page, "time"), dict(zip("xy", found, strict=True))
+    return read_number(page, "time"), dict(zip("xy", found, strict=True))
 
 
 def until(condition):
@@ -154,9 +154,9 @@ def later(page, seconds, condition=lambda: False):
 
     A busy machine may take as long as it likes for them, if only they go on.
     """
-    end = seen(page, "time") + seconds
-    while not (held := condition()) and (now := seen(page, "time")) < end:
-        until(lambda now=now: seen(page, "time") > now)
+    end = read_number(page, "time") + seconds
+    while not (held := condition()) and (now := read_number(page, "time")) < end:
+        until(lambda now=now: read_number(page, "time") > now)
     return held
 
 
@@ -168,10 +168,10 @@ def test_a_person_drives_the_rig(browser, tmp_path):
         later(page, 2.0)
 
         drag(page, (-100, -60), (120, 60))
-        until(lambda: abs(seen(page, "goal-x") - 0.12) < 0.002)
-        assert seen(page, "goal-y") == pytest.approx(0.06, abs=0.002)
+        until(lambda: abs(read_number(page, "goal-x") - 0.12) < 0.002)
+        assert read_number(page, "goal-y") == pytest.approx(0.06, abs=0.002)
         tilts = [sides(page) for _ in range(15)]
-        assert later(page, 10.0, lambda: abs(seen(page, "x") - 0.12) < 0.04)
+        assert later(page, 10.0, lambda: abs(read_number(page, "x") - 0.12) < 0.04)
 
         friction = page.get_by_test_id("plant.friction.rolling_mm")
         friction.click(position={"x": friction.bounding_box()["width"] * 0.8, "y": 5})
@@ -182,17 +182,17 @@ def test_a_person_drives_the_rig(browser, tmp_path):
         page.get_by_test_id("pause").click()
         expect(page.get_by_test_id("pause")).to_contain_text("Go on")
         time.sleep(0.5)
-        stood = seen(page, "time")
+        stood = read_number(page, "time")
         time.sleep(1.0)
-        assert seen(page, "time") == stood
+        assert read_number(page, "time") == stood
         page.get_by_test_id("save").click()
         expect(page.get_by_text(f"saved as {folder}/")).to_be_visible(timeout=1000 * PATIENCE)
 
         page.get_by_test_id("back").click()
-        until(lambda: seen(page, "time") <= stood - 1.0 + 1e-6)
+        until(lambda: read_number(page, "time") <= stood - 1.0 + 1e-6)
         page.get_by_test_id("pause").click()
         later(page, 1.5)
-        drag(page, (1000 * seen(page, "x"), 1000 * seen(page, "y")), (0, 0), steps=5)
+        drag(page, (1000 * read_number(page, "x"), 1000 * read_number(page, "y")), (0, 0), steps=5)
         expect(page.get_by_text("pushed by")).to_be_visible(timeout=1000 * PATIENCE)
 
         assert {re.match(r"\w+://([\d.]+):", url)[1] for url in page.asked} == {"127.0.0.1"}
@@ -267,11 +267,11 @@ def test_one_drives_and_the_other_looks_until_the_first_has_gone(browser, tmp_pa
         expect(second.get_by_text("another browser drives")).to_be_visible(timeout=1000 * PATIENCE)
         drag(second, (50, 50), (120, 60), steps=5)
         time.sleep(1.0)
-        assert seen(first, "goal-x") == 0.0
+        assert read_number(first, "goal-x") == 0.0
         first.context.close()
         expect(second.get_by_text("you drive")).to_be_visible(timeout=1000 * PATIENCE)
         drag(second, (50, 50), (120, 60), steps=5)
-        until(lambda: abs(seen(second, "goal-x") - 0.12) < 0.002)
+        until(lambda: abs(read_number(second, "goal-x") - 0.12) < 0.002)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

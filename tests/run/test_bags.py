@@ -10,7 +10,8 @@ from mcap_ros2.writer import Writer
 from twin.base.errors import LogError
 from twin.identify.any_logs import read_any
 from twin.identify.log_columns import wanted_columns
-from twin.run.files import ROS2_TABLES, log_file
+from twin.run.exporters import ROS2_TABLES
+from twin.run.files import log_file
 from twin.run.foreign_logs import foreign_table
 
 T = np.arange(0.0, 4.0, 0.02)

@@ -1,4 +1,4 @@
-"""Tests of `twin.run.files`."""
+"""Tests of `twin.run.exporters`."""
 
 import json
 import re
@@ -13,9 +13,9 @@ from exported_files import READERS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from twin.cli.runs import export as command
+from twin.cli.see import export as command
 from twin.identify.logs import read
-from twin.run.files import export
+from twin.run.exporters import export
 from twin.run.finished import record_run, run
 from twin.run.record import read_run
 from twin.scenario import load

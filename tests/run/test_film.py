@@ -14,11 +14,12 @@ from PIL import Image, ImageColor
 import ballplate as bp
 from twin.base.errors import RecordError
 from twin.run import film as film_module
-from twin.run.files import FILM_SUFFIXES
+from twin.run.exporters import FILM_SUFFIXES
 from twin.run.film import Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
 from twin.run.picture import RUN_COLOURS
-from twin.scenario.load import check, load, put
+from twin.scenario.load import check, load
+from twin.scenario.merging import put
 
 BLUE = np.array(ImageColor.getrgb(RUN_COLOURS[0]))
 WHITE = (255, 255, 255)
@@ -32,7 +33,7 @@ TABLES = {
 }
 
 
-def told(ball, tilt=(0.0, 0.0), outcome="finished", rig=(), **metrics):
+def make_run(ball, tilt=(0.0, 0.0), outcome="finished", rig=(), **metrics):
     """A run whose ball was at places in m, (K, 2), 10 ms apart, on a plate of constant tilt.
 
     ``rig``: what else its plant is.
@@ -75,7 +76,7 @@ def ground(picture):
     return left - 1, top, right + 1, bottom + 1
 
 
-def seen(picture, colour=BLUE):
+def find_colour(picture, colour=BLUE):
     """The middle of all of a colour on the plate in m, found by the plate's own edges."""
     left, top, right, bottom = ground(picture)
     part = picture[top:bottom, left:right]
@@ -92,10 +93,10 @@ PLACES = [(0.0, 0.0), (0.21, 0.0), (0.0, 0.12), (-0.25, -0.13), (0.3, 0.1), (0.3
 @pytest.mark.short("place0-*", "place6-*")
 @pytest.mark.parametrize(("place", "size"), [*((place, 600) for place in PLACES), (PLACES[1], 480)])
 def test_the_ball_is_seen_where_it_was_recorded(place, size):
-    picture = frames(told([place] * 30), size=size, seconds=0.05)[0]  # at rest: without a trail
+    picture = frames(make_run([place] * 30), size=size, seconds=0.05)[0]  # at rest: without a trail
     left, top, right, bottom = ground(picture)
     assert (right - left) / size == pytest.approx(498 / 600, abs=0.01)
-    found, _ = seen(picture)
+    found, _ = find_colour(picture)
     one = PLATE[0] / (right - left)
     np.testing.assert_allclose(found, place, atol=0.8 * one)
     left, top, right, bottom = whole(
@@ -107,7 +108,7 @@ def test_the_ball_is_seen_where_it_was_recorded(place, size):
 @pytest.mark.parametrize("size", [(0.3, 0.3), (0.6, 0.2)])
 def test_a_plate_of_another_shape_is_not_stretched(size):
     rig = {"size": size, "ball": {"radius": 0.03, "inertia": 1e-6}}
-    picture = frames(told([(0.1, 0.05)] * 30, rig=rig), seconds=0.05)[0]
+    picture = frames(make_run([(0.1, 0.05)] * 30, rig=rig), seconds=0.05)[0]
     left, top, right, bottom = whole(np.abs(picture[100:390, :520] - BLUE).max(axis=2) <= 4)
     assert right - left == pytest.approx(bottom - top, abs=1.5)
     per_metre = min(498 / size[0], 281 / size[1])
@@ -118,8 +119,8 @@ def test_a_plate_of_another_shape_is_not_stretched(size):
 @pytest.mark.long
 def test_a_round_plate_is_a_circle_and_a_fallen_ball_lies_at_its_rim():
     rig = {"size": (0.3, 0.3), "shape": "round", "ball": {"radius": 0.005, "inertia": 1e-7}}
-    rolls = told([(0.10, 0.10), (0.12, 0.12)], rig=rig, outcome="fell")
-    longer = told([(0.0, 0.0)] * 60, rig=rig)
+    rolls = make_run([(0.10, 0.10), (0.12, 0.12)], rig=rig, outcome="fell")
+    longer = make_run([(0.0, 0.0)] * 60, rig=rig)
     picture = frames(rolls, longer, since=0.0, until=0.5)[-1]
     per_metre = 281 / 0.3
     _, columns = np.nonzero(np.abs(picture[90:373, 20:510] - BLUE).max(axis=2) <= 60)
@@ -137,10 +138,10 @@ def test_a_round_plate_is_a_circle_and_a_fallen_ball_lies_at_its_rim():
 def test_the_ball_moves_from_frame_to_frame_as_recorded():
     time = 0.01 * np.arange(301)
     way = np.stack((0.2 * np.sin(2 * time), 0.1 * np.cos(time)), axis=1)
-    film = Film({"a": told(way)}, Cut(since=0.5, until=2.5, seconds=0.5))
+    film = Film({"a": make_run(way)}, Cut(since=0.5, until=2.5, seconds=0.5))
     assert film.count == 10
     for at, picture in zip(film.times, film.frames(), strict=True):
-        found, _ = seen(np.asarray(picture.convert("RGB")).astype(int))
+        found, _ = find_colour(np.asarray(picture.convert("RGB")).astype(int))
         expected = (0.2 * np.sin(2 * at), 0.1 * np.cos(at))
         np.testing.assert_allclose(found, expected, atol=2e-3)
 
@@ -150,7 +151,7 @@ def test_the_ball_moves_from_frame_to_frame_as_recorded():
 @pytest.mark.parametrize("axis", ["phi", "theta"])
 def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far_one(axis, sign):
     tilt = (0.03 * sign, 0.0) if axis == "phi" else (0.0, 0.03 * sign)
-    picture = frames(told([(0.0, 0.0)] * 9, tilt), seconds=0.05)[0]
+    picture = frames(make_run([(0.0, 0.0)] * 9, tilt), seconds=0.05)[0]
     _, top, right, bottom = ground(picture)
     blue = np.abs(picture - BLUE).max(axis=2) <= 4
     if axis == "phi":  # in the view from the front
@@ -163,15 +164,15 @@ def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far
 
 @pytest.mark.long
 def test_balls_in_one_place_are_all_seen_in_their_colours():
-    picture = frames(*[told([(0.1, 0.05)] * 9)] * 6, seconds=0.05)[0]
+    picture = frames(*[make_run([(0.1, 0.05)] * 9)] * 6, seconds=0.05)[0]
     for colour in RUN_COLOURS[1:6]:
-        found, pixels = seen(picture, ImageColor.getrgb(colour))
+        found, pixels = find_colour(picture, ImageColor.getrgb(colour))
         assert pixels > 20
         np.testing.assert_allclose(found, (0.1, 0.05), atol=2e-3)
 
 
 def test_one_sample_is_one_frame_that_lasts_one_period(tmp_path):
-    film = Film({"one": told([(0.1, 0.1)])}, Cut(fps=10))
+    film = Film({"one": make_run([(0.1, 0.1)])}, Cut(fps=10))
     assert film.count == 1
     moving(tmp_path / "one.webp", film)
     with Image.open(tmp_path / "one.webp") as picture:
@@ -179,11 +180,11 @@ def test_one_sample_is_one_frame_that_lasts_one_period(tmp_path):
 
 
 def test_a_ball_that_fell_is_a_cross_where_it_was_seen_last_while_the_others_go_on():
-    fell = told([(0.1 + 0.02 * k, 0.0) for k in range(10)], outcome="fell")
-    goes = told([(-0.1, 0.1)] * 200)
+    fell = make_run([(0.1 + 0.02 * k, 0.0) for k in range(10)], outcome="fell")
+    goes = make_run([(-0.1, 0.1)] * 200)
     first, *_, last = frames(fell, goes, fps=5)
-    assert seen(first)[0][0] == pytest.approx(0.1, abs=0.02)
-    found, pixels = seen(last)
+    assert find_colour(first)[0][0] == pytest.approx(0.1, abs=0.02)
+    found, pixels = find_colour(last)
     assert 20 < pixels < 200
     np.testing.assert_allclose(found, (0.28, 0.0), atol=2e-3)
 
@@ -192,13 +193,13 @@ def test_a_ball_that_fell_is_a_cross_where_it_was_seen_last_while_the_others_go_
 def test_where_nothing_is_known_nothing_is_drawn_and_the_rest_is():
     ball = np.full((200, 2), np.nan)
     ball[:50] = ball[150:] = (-0.1, 0.05)
-    shown = frames(told(ball), fps=5)
+    shown = frames(make_run(ball), fps=5)
     assert len(shown) == 10
-    assert seen(shown[0])[1] > 300
+    assert find_colour(shown[0])[1] > 300
     left, top, right, bottom = ground(shown[5])
     assert not (np.abs(shown[5][top:bottom, left:right] - BLUE).max(axis=2) <= 4).any()
-    assert seen(shown[-1])[1] > 300
-    assert len(frames(told(np.full((30, 2), np.nan)), fps=10)) == 3
+    assert find_colour(shown[-1])[1] > 300
+    assert len(frames(make_run(np.full((30, 2), np.nan)), fps=10)) == 3
 
 
 CIRCLE = ("plant.kind=lagrange", "duration=0.6", "metrics.start=0")

@@ -21,7 +21,7 @@ from twin.run.files import (
 )
 
 
-def kept(folder, when):
+def make_run_folder(folder, when):
     folder.mkdir(parents=True)
     file = folder / "run.parquet"
     file.touch()
@@ -60,9 +60,9 @@ def test_names_that_had_to_be_changed_stay_apart():
 def test_the_last_run_is_the_newest_also_within_a_comparison(tmp_path):
     with pytest.raises(RecordError, match="no run in"):
         last(tmp_path / "none")
-    kept(tmp_path / "old", 100)
-    kept(tmp_path / "compare" / "a", 300)
-    kept(tmp_path / "newer", 200)
+    make_run_folder(tmp_path / "old", 100)
+    make_run_folder(tmp_path / "compare" / "a", 300)
+    make_run_folder(tmp_path / "newer", 200)
     (tmp_path / "study").mkdir()
     assert last(tmp_path) == tmp_path / "compare"
 
@@ -70,12 +70,12 @@ def test_the_last_run_is_the_newest_also_within_a_comparison(tmp_path):
 def test_a_run_on_a_rig_replaces_nothing(tmp_path):
     folder = tmp_path / "circle"
     assert free(folder) == folder
-    kept(folder, 100)
+    make_run_folder(folder, 100)
     assert free(folder) == tmp_path / "circle~2"
 
 
 def test_a_run_that_was_killed_is_found_and_not_written_over(tmp_path):
-    folder = kept(tmp_path / "hold", 100)
+    folder = make_run_folder(tmp_path / "hold", 100)
     (folder / "run.parquet").rename(folder / "run.arrows")
     assert last(tmp_path) == folder
     assert record_of(folder) == folder / "run.arrows"
@@ -87,7 +87,7 @@ def test_a_run_that_was_killed_is_found_and_not_written_over(tmp_path):
 
 def test_a_run_keeps_its_whole_name_however_it_is_reached(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run = kept(Path("runs") / "circle-friction.rolling_mm=0", 100)
+    run = make_run_folder(Path("runs") / "circle-friction.rolling_mm=0", 100)
     for path in (run, run / "run.parquet", Path("last")):
         assert run_name(path) == "circle-friction.rolling_mm=0"
         assert log_file(path) == run / "run.parquet"
@@ -96,7 +96,7 @@ def test_a_run_keeps_its_whole_name_however_it_is_reached(tmp_path, monkeypatch)
 
 def test_what_is_no_log_is_told_by_what_it_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    one, _ = kept(Path("both") / "a", 100), kept(Path("both") / "b", 100)
+    one, _ = make_run_folder(Path("both") / "a", 100), make_run_folder(Path("both") / "b", 100)
     with pytest.raises(
         RecordError, match=f"both: contains 2 runs; give one of them, such as {one}"
     ):
@@ -109,14 +109,14 @@ def test_what_is_no_log_is_told_by_what_it_is(tmp_path, monkeypatch):
 
 def test_the_only_run_of_a_comparison_is_meant_by_its_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run = kept(Path("runs") / "compare-circle" / "rolling_mm=0.1", 100)
+    run = make_run_folder(Path("runs") / "compare-circle" / "rolling_mm=0.1", 100)
     for path in (Path("runs") / "compare-circle", Path("last")):
         assert log_file(path) == run / "run.parquet"
 
 
 def test_a_run_and_a_folder_are_no_scenarios(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run = kept(Path("runs") / "circle", 100)
+    run = make_run_folder(Path("runs") / "circle", 100)
     for name in ("last", str(run)):
         with pytest.raises(
             ScenarioError, match=f"'{name}' is a run, not a scenario; .* report {name}"
@@ -128,7 +128,7 @@ def test_a_run_and_a_folder_are_no_scenarios(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["..", "", ".", "/", "a/..", "\\u0000"])
 def test_a_list_of_folders_that_are_none_removes_nothing(name, tmp_path):
-    run = kept(tmp_path / "run", 1)
+    run = make_run_folder(tmp_path / "run", 1)
     inner = run / "made"
     inner.mkdir()
     (inner / "run.parquet").touch()
@@ -151,8 +151,8 @@ def test_a_list_of_folders_that_are_none_removes_nothing(name, tmp_path):
     ],
 )
 def test_a_link_that_is_damaged_links_to_nothing(link, tmp_path):
-    kept(tmp_path / "a", 1)
-    kept(tmp_path / "made/b", 2)
+    make_run_folder(tmp_path / "a", 1)
+    make_run_folder(tmp_path / "made/b", 2)
     (tmp_path / "made/compare.json").write_text(f'{{"folders": [], "linked": [{link}]}}')
     assert read_links(tmp_path / "made") == []
     assert run_folders(tmp_path / "made") == [tmp_path / "made/b"]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.run.files import (
+from twin.run.indicators import (
     BOARD_INDICATORS,
     INDICATOR_UNITS,
     MOTION_INDICATORS,

@@ -43,7 +43,7 @@ def motion(radius=0.1, error=0.01, time=TIME, effort=0.0):
     )
 
 
-def drawn(plate=PLATE, **runs):
+def draw_picture(plate=PLATE, **runs):
     with mock.patch.object(Figure, "draw_without_rendering"):  # what is in it, not how it looks
         figure = picture(runs, "", plate)
     return figure, {panel.get_title().split(" (")[0]: panel for panel in figure.axes}
@@ -62,7 +62,7 @@ def references(panel):
 
 
 def test_a_reference_of_all_runs_is_drawn_once_as_long_as_the_longest():
-    figure, panels = drawn(long=motion(), short=motion(error=0.02, time=TIME[:100]))
+    figure, panels = draw_picture(long=motion(), short=motion(error=0.02, time=TIME[:100]))
     (line,) = references(panels["Ball on the plate, from above"])
     assert line.get_color() == "black"
     assert len(line.get_xdata()) == len(TIME)
@@ -70,7 +70,7 @@ def test_a_reference_of_all_runs_is_drawn_once_as_long_as_the_longest():
 
 
 def test_runs_with_references_of_their_own_show_each():
-    figure, panels = drawn(wide=motion(0.1), narrow=motion(0.05))
+    figure, panels = draw_picture(wide=motion(0.1), narrow=motion(0.05))
     assert sum("reference" in text for text in words(figure)) == 1
     first, second = references(panels["Ball on the plate, from above"])
     assert np.abs(first.get_xdata()).max() == pytest.approx(100)
@@ -84,7 +84,7 @@ def test_runs_with_references_of_their_own_show_each():
 
 def test_the_legend_has_the_runs_that_can_be_told_apart():
     runs = {f"lqr kappa={number}": motion(0.01 * number) for number in range(1, 28)}
-    figure, panels = drawn(**runs)
+    figure, panels = draw_picture(**runs)
     curves = panels["Tracking error"].lines
     looks = {(line.get_color(), line.get_linestyle()) for line in curves}
     assert len(looks) == LOOK_COUNT
@@ -121,7 +121,7 @@ def test_the_axis_of_the_error_has_a_floor_and_leaves_out_what_ran_away(error, e
     if ended:
         run.ball[ended:] = np.inf
         run.ball[ended + 10 :] = np.nan
-    _, panels = drawn(run=run)
+    _, panels = draw_picture(run=run)
     assert panels["Tracking error"].get_ylim() == (0, pytest.approx(top))
 
 
@@ -172,7 +172,7 @@ def bands(panel):
 
 def test_where_friction_holds_the_ball_is_shaded_and_said():
     runs = {"honest twin": resting(1.0, 2.0), "clean model": motion(), "free": resting(9.0, 9.0)}
-    figure, panels = drawn(**runs)
+    figure, panels = draw_picture(**runs)
     for name in ("Position", "Tracking error"):
         ((paths, colour),) = bands(panels[name])
         (path,) = paths
@@ -182,20 +182,22 @@ def test_where_friction_holds_the_ball_is_shaded_and_said():
 
 
 def test_each_run_has_a_strip_of_its_own_colour_under_one_entry():
-    figure, panels = drawn(one=resting(0.0, 1.0), free=motion(), other=resting(1.0, 3.0))
+    figure, panels = draw_picture(one=resting(0.0, 1.0), free=motion(), other=resting(1.0, 3.0))
     found = [colour.upper() for _, colour in bands(panels["Tracking error"])]
     assert found == [RUN_COLOURS[0], RUN_COLOURS[2]]
     assert "held by friction, one 25.0 %, other 50.0 % of the time" in words(figure)
 
 
 def test_shares_of_more_runs_than_the_legend_names_are_a_range():
-    figure, _ = drawn(**{name: resting(0.0, 0.4 * k) for k, name in enumerate("abcd", start=1)})
+    figure, _ = draw_picture(
+        **{name: resting(0.0, 0.4 * k) for k, name in enumerate("abcd", start=1)}
+    )
     assert "held by friction, 10.0 to 40.0 % of the time" in words(figure)
 
 
 def test_the_run_with_less_effort_is_drawn_in_front():
     calm, noisy = (replace(motion(), u=np.full((len(TIME), 2), size)) for size in (0.1, 2.0))
-    _, panels = drawn(calm=calm, noisy=noisy)
+    _, panels = draw_picture(calm=calm, noisy=noisy)
     lines = panels["Plate acceleration"].lines
     order = {line.get_color(): line.get_zorder() for line in lines}
     assert order[RUN_COLOURS[0]] > order[RUN_COLOURS[1]]
@@ -208,7 +210,7 @@ def test_a_ball_that_left_the_plate_ends_in_a_cross():
         still = motion()
         ball = still.ball.copy()
         ball[-1] = x, 0.0
-        figure, panels = drawn(**{name: replace(still, ball=ball)})
+        figure, panels = draw_picture(**{name: replace(still, ball=ball)})
         ends[name] = {line.get_marker() for line in panels["Ball on the plate, from above"].lines}
         ended = {line.get_marker() for line in panels["Tracking error"].lines}
         assert ("X" in ended) == ("left the plate" in words(figure)) == (name == "left")
@@ -221,7 +223,7 @@ def test_from_a_round_plate_a_ball_has_gone_beyond_its_circle():
     for reach, gone in ((0.149, True), (0.146, False)):
         ball = motion().ball.copy()
         ball[-1] = reach * np.array([np.cos(0.7), -np.sin(0.7)])
-        figure, panels = drawn(disc, one=replace(motion(), ball=ball))
+        figure, panels = draw_picture(disc, one=replace(motion(), ball=ball))
         assert ("left the plate" in words(figure)) == gone
     patches = panels["Ball on the plate, from above"].patches
     (rim,) = (each for each in patches if isinstance(each, Ellipse))
@@ -246,7 +248,7 @@ def test_a_single_panel_has_the_width_asked_for_its_lines_and_their_legend(name)
 
 def test_a_single_panel_shows_what_the_picture_shows():
     runs = {"one": motion(), "two": motion(0.05)}
-    _, panels = drawn(**runs)
+    _, panels = draw_picture(**runs)
     (axes,) = pictures.panel(runs, "error", PLATE, 120).axes
     for mine, whole in zip(axes.lines, panels["Tracking error"].lines, strict=True):
         assert np.array_equal(mine.get_xydata(), whole.get_xydata())

@@ -21,8 +21,8 @@ from twin.base.errors import LogError, TwinError
 from twin.identify.any_logs import read_any
 from twin.identify.log_columns import wanted_columns
 from twin.identify.logs import read as read_log_of_run
-from twin.run.files import JSON_VARIABLE, export
-from twin.run.files import WRITERS as EXPORTERS
+from twin.run.exporters import JSON_VARIABLE, export
+from twin.run.exporters import WRITERS as EXPORTERS
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns
 from twin.scenario.load import check

@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 
 from twin.devices.akd.axis import Axis, AxisRequest
-from twin.devices.akd.bringup import Remote
+from twin.devices.akd.remote import Remote
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
+from twin.safety.fault_row import FaultRow
 from twin.safety.faults import CASE_GROUPS, CASES
 from twin.safety.limits import Stopper
-from twin.safety.trial import FaultRow, Trial
+from twin.safety.trial import Trial
 
 AT_START = CASE_GROUPS["at_start"]
 CASE = {case.name: case for case in CASES}
@@ -59,7 +60,7 @@ def no_watch():
     return together(*(patch(f"twin.devices.akd.{m}.monitoring", lambda _: 0) for m in modules))
 
 
-def made(cls, change):
+def change_new_objects(cls, change):
     """Objects of a class, changed as soon as they are made."""
     make = cls.__init__
 
@@ -77,7 +78,7 @@ def bounds(change):
         self._bounds = change(self._bounds)
         self._bounds_of_one = self._bounds[0].tolist()
 
-    return made(Supervisor, changed)
+    return change_new_objects(Supervisor, changed)
 
 
 def without_bound(at):
@@ -161,7 +162,7 @@ MUTATIONS = {
     ),
     "half of the braking way": (
         named("The controller asks for the fastest turn for good"),
-        lambda: made(Clamp, half_the_way),
+        lambda: change_new_objects(Clamp, half_the_way),
     ),
     "ball speed along x only": (
         named("The ball is pushed too fast along y"),

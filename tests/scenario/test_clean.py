@@ -1,4 +1,4 @@
-"""`twin.scenario.load`: The clean model knows nothing of what a scenario says of its rig."""
+"""`twin.scenario.derived`: The clean model knows nothing of what a scenario says of its rig."""
 
 import pytest
 from every_setting import OTHER
@@ -6,7 +6,7 @@ from every_setting import OTHER
 from twin.run.finished import run
 from twin.run.tables import flat
 from twin.scenario import load
-from twin.scenario.load import clean
+from twin.scenario.derived import clean
 from twin.scenario.rig_tables import LEFT_OUT
 from twin.scenario.schema import Scenario
 

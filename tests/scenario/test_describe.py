@@ -30,7 +30,7 @@ PROJECT = Path(__file__).parents[2]
 SUFFIX = {"mm": "mm", "um": "um", "deg": "deg", "hz": "Hz", "percent": "%"}
 
 
-def told(*arguments):
+def describe(*arguments):
     result = CliRunner().invoke(command, arguments, catch_exceptions=False)
     assert result.exit_code == 0
     return result.output
@@ -122,7 +122,7 @@ def test_a_word_finds_a_table_within_another_or_what_keys_mean():
 
 @pytest.mark.parametrize("table", ["law", "observer", "reference"])
 def test_all_of_a_kind_are_listed_with_a_sentence_each(table):
-    lines = told(f"{table}s").splitlines()
+    lines = describe(f"{table}s").splitlines()
     assert len(lines) > 7
     assert all(re.fullmatch(r"\w+ +\S.+", line) for line in lines[:-1])
     if table == "law":
@@ -130,12 +130,12 @@ def test_all_of_a_kind_are_listed_with_a_sentence_each(table):
 
 
 def test_the_command_prints_words_or_json():
-    words = told("plant.friction.rolling_mm")
+    words = describe("plant.friction.rolling_mm")
     assert "plant.friction.rolling_mm = 0.18 mm" in words
     assert "[number, >= 0, <= 10]" in words
-    (key,) = json.loads(told("plant.friction.rolling_mm", "--json"))
+    (key,) = json.loads(describe("plant.friction.rolling_mm", "--json"))
     assert (key["unit"], key["default"], key["required"]) == ("mm", 0.18, False)
-    assert "It has no settings." in told("ideal")
+    assert "It has no settings." in describe("ideal")
 
 
 def test_the_page_holds_every_key_and_kind_and_is_today_s():

@@ -13,7 +13,8 @@ from twin.base.errors import RecordError, ScenarioError
 from twin.base.followers import FOLLOWER_LABELS
 from twin.play.driven import Driven
 from twin.run.controller_building import build_reference
-from twin.scenario.load import check, clean, load, read, resolve
+from twin.scenario.derived import clean
+from twin.scenario.load import check, load, read, resolve
 from twin.view.html import html
 from twin.view.streams import signals
 

@@ -1,4 +1,4 @@
-"""Tests of `twin.scenario.load`: settings of a law that stand in place of others."""
+"""Tests of `twin.scenario.merging`: settings of a law that stand in place of others."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ballplate.changes import changes_of, warn_of_replaced
 from twin.base.errors import ScenarioError
 from twin.run.controller_building import build_law
 from twin.scenario import load
-from twin.scenario.load import check, describe_replaced, laid_over
+from twin.scenario.load import check, describe_replaced
+from twin.scenario.merging import merge_tables
 from twin.scenario.schema import choices
 
 POLES = [-5.0, -5.0, -5.0, -5.0]
@@ -44,7 +45,7 @@ def test_a_setting_replaces_those_it_stands_for(tmp_path, kind, own, key, value)
     build_law(done)
     gone = " and ".join(f"controller.{each}" for each in own)
     assert describe_replaced(name, given) == f"controller.{key} replaces {gone} of mine.toml"
-    over = laid_over({"controller": table}, {"controller": {key: value}})
+    over = merge_tables({"controller": table}, {"controller": {key: value}})
     assert over == {"controller": {"kind": kind, key: value}}
 
 

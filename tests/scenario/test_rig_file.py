@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from twin.base.errors import TwinError
 from twin.base.validation import keys_of
-from twin.scenario.load import put
+from twin.scenario.merging import put
 from twin.scenario.rig import RigFile, check_rig, read_rig
 
 KEYS = sorted(keys_of(RigFile))

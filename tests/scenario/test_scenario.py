@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from twin.base.errors import ScenarioError
 from twin.scenario import load
-from twin.scenario.load import check, put, read, setting
+from twin.scenario.load import check, read
+from twin.scenario.merging import put, setting
 from twin.scenario.schema import choices
 from twin.scenario.variations import comparison, parse_variations, variants
 

@@ -132,7 +132,7 @@ def test_a_dead_time_counts_for_more_in_a_log_of_the_same_motion(monkeypatch):
         found = compared(monkeypatch, believed(), track, delay=between)
         assert [each.name for each in found if each.significant] == ["delay"] * seen
         said = " ".join(sentences(report(*found)))
-        assert ("Their motion is not that of the reference" in said) == (not seen)
+        assert ("Their motion differs from the reference" in said) == (not seen)
 
 
 def rolling_std(value, fit_std):

@@ -55,7 +55,7 @@ def belief():
     return belief_of()
 
 
-def shown(name, values, sd, *, stopping=False):
+def make_evidence(name, values, sd, *, stopping=False):
     """One window a second, each of which shows a deviation of one parameter."""
     count = len(values)
     begin = np.arange(count, dtype=float)
@@ -70,13 +70,13 @@ def shown(name, values, sd, *, stopping=False):
 
 def windows(late):
     """Windows in which a ball stops, each showing a dead time as well as a real one."""
-    return shown("delay", late, 2e-3, stopping=True)
+    return make_evidence("delay", late, 2e-3, stopping=True)
 
 
 def rolled(rolling):
     """One window a second that shows rolling friction alone, in relative deviations, well."""
     unit = belief_of().values["rolling"]
-    return shown("rolling", np.asarray(rolling) * unit, 1e-3 * unit)
+    return make_evidence("rolling", np.asarray(rolling) * unit, 1e-3 * unit)
 
 
 def test_many_small_signs_are_an_alarm_and_a_few_large_ones_are_not(belief):
@@ -107,18 +107,18 @@ def test_healthy_windows_raise_no_dead_time_alarm_and_the_old_threshold_did(beli
 def test_a_change_beyond_the_resolution_is_an_alarm_and_one_within_it_is_none(belief, name, sd):
     cause = {"lag": "servo lag", "rolling": "rolling friction", "gain": "tilt gain"}[name]
     tests = SequentialTests(belief)
-    tests.add(shown(name, np.zeros(60), sd))
+    tests.add(make_evidence(name, np.zeros(60), sd))
     least = resolution(tests)[cause]
     for share, alarms in ((0.7, False), (1.3, True)):
         tests = SequentialTests(belief)
-        tests.add(shown(name, np.repeat((0.0, share * least), (60, 50)), sd))
+        tests.add(make_evidence(name, np.repeat((0.0, share * least), (60, 50)), sd))
         assert bool(tests.crossings) == alarms
 
 
 def test_four_ms_of_delay_of_the_drives_are_within_what_is_called_indistinguishable(belief):
     # well as the plate shows a lag, it drifts on healthy rigs by some ms
     tests = SequentialTests(belief)
-    tests.add(shown("lag", np.zeros(60), 2e-5))
+    tests.add(make_evidence("lag", np.zeros(60), 2e-5))
     assert 0.004 < resolution(tests)["servo lag"] < 0.008
     assert "dead time" not in resolution(tests)  # no window showed it
 

@@ -42,7 +42,7 @@ MECHANICAL = {
 """and on the mechanism."""
 
 
-def told(change, at, *more):
+def load_pair(change, at, *more):
     """What is believed of a rig, and the rig to which something happens at a time in s."""
     changes = f"change=[{{at={at}, set={{{change}}}}}]" if change else "change=[]"
     return load("excite", ("seed=5", *more)), load("excite", ("seed=5", *more, changes))
@@ -51,7 +51,9 @@ def told(change, at, *more):
 def beside(changes, *of):
     """Logs of a healthy rig and others by what happened to them."""
     changes = {"healthy": "", **changes}
-    return dict(zip(changes, logs([told(each, *of) for each in changes.values()]), strict=True))
+    return dict(
+        zip(changes, logs([load_pair(each, *of) for each in changes.values()]), strict=True)
+    )
 
 
 def test_the_twin_of_a_csv_log_has_the_ball_that_is_stated_for_it():
@@ -88,7 +90,7 @@ def mechanisms():
 def folder(tmp_path_factory):
     """A run folder of a mechanism whose friction has risen."""
     path = tmp_path_factory.mktemp("run") / "drifted"
-    done = run(told(ROLLING, 10.0, "duration=40")[1])
+    done = run(load_pair(ROLLING, 10.0, "duration=40")[1])
     save(done, path, {"run": done.motion})
     return path
 
@@ -241,7 +243,7 @@ WRONG = ("plant.friction.rolling_mm=0.2", "plant.level_deg=[0.1,-0.05]")
 @pytest.mark.long
 def test_a_twin_that_was_identified_learns_what_is_open_before_it_judges():
     """Friction 11 % and level 0.1 deg off: an alarm at once, none of a twin that may learn."""
-    (log,) = logs([told("", 0.0, "plant.kind=lagrange", "duration=50")])
+    (log,) = logs([load_pair("", 0.0, "plant.kind=lagrange", "duration=50")])
     wrong = belief_of(log, WRONG)
     assert shadow(log, wrong).alarms[0].time < 15
     said = shadow(log, wrong, learning=True)
@@ -254,7 +256,7 @@ def test_a_twin_that_was_identified_learns_what_is_open_before_it_judges():
 @pytest.mark.long
 @pytest.mark.parametrize("cause", CHANGES)
 def test_a_change_after_it_has_learned_is_told_with_its_cause(cause):
-    (log,) = logs([told(CHANGES[cause], 30.0, "plant.kind=lagrange", "duration=55")])
+    (log,) = logs([load_pair(CHANGES[cause], 30.0, "plant.kind=lagrange", "duration=55")])
     said = shadow(log, belief_of(log, WRONG), learning=True)
     assert 30 < said.alarms[0].time < 50
     assert said.alarms[0].causes[0].name == cause

@@ -125,7 +125,7 @@ def test_what_has_been_tried_is_kept_whole_and_only_for_the_same_job(monkeypatch
     assert again == 3 * [found]
 
 
-def told(number, place, learning, alarm=None, causes=(), **more):
+def make_result(number, place, learning, alarm=None, causes=(), **more):
     """What a twin said of a run of a rig."""
     about = identified.watched(number)[place]._asdict()
     about |= {"learning": learning, "alarm": alarm, "causes": [*causes]}
@@ -134,13 +134,13 @@ def told(number, place, learning, alarm=None, causes=(), **more):
 
 def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
     found = [
-        told(0, 0, True), told(0, 0, False, 3.0, score=7.0),
-        told(1, 0, True, 33.3, ("cams",)), told(1, 0, False, 5.0),
-        told(2, 0, True, identified=[], score=2.5), told(2, 0, False, 4.0),
-        told(4, 0, True, score=None, why="too short"),
-        told(0, 1, True, 25.0, ("another ball", "rolling friction")),
-        told(3, 1, True, 49.0, ("cams",)),  # a ramp is complete at 30 s
-        told(6, 1, True, 41.0, ("dead time",)),
+        make_result(0, 0, True), make_result(0, 0, False, 3.0, score=7.0),
+        make_result(1, 0, True, 33.3, ("cams",)), make_result(1, 0, False, 5.0),
+        make_result(2, 0, True, identified=[], score=2.5), make_result(2, 0, False, 4.0),
+        make_result(4, 0, True, score=None, why="too short"),
+        make_result(0, 1, True, 25.0, ("another ball", "rolling friction")),
+        make_result(3, 1, True, 49.0, ("cams",)),  # a ramp is complete at 30 s
+        make_result(6, 1, True, 41.0, ("dead time",)),
     ]  # fmt: skip
     errors = {"model": 7e-4, "nominal": 0.014, "without friction": 0.02, "stays": 0.03}
     errors["goes on"] = 0.04

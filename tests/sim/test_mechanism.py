@@ -45,7 +45,7 @@ def mechanism(request):
     return partial(Mechanism, parts=request.param)
 
 
-def told(plant, *channels):
+def read_telemetry(plant, *channels):
     """What the rigs tell beside their states, shape (N, channels)."""
     return plant.telemetry()[:, [plant.channels.index(each) for each in channels]]
 
@@ -184,7 +184,7 @@ def test_the_torque_stays_within_its_peak():
     torques = []
     for k in range(400):
         plant.advance(np.full((1, 2), 20.0 if k // 20 % 2 else -20.0), 1)
-        torques.append(told(plant, "torque_phi_Nm", "torque_theta_Nm"))
+        torques.append(read_telemetry(plant, "torque_phi_Nm", "torque_theta_Nm"))
     assert np.abs(torques).max() == pytest.approx(12.3)
 
 
@@ -237,8 +237,8 @@ def test_the_wheels_stay_on_their_cams_over_8_degrees_at_7_rad_per_s2_on_both_ax
     for rate in np.diff(CamTable.packaged().motor(plate), axis=0) / (TICK * plant.step):
         for _ in range(TICK):
             plant.advance(rate, 1)
-            wheels.append(told(plant, "wheel_phi_N", "wheel_theta_N"))
-            torques.append(told(plant, "torque_phi_Nm", "torque_theta_Nm"))
+            wheels.append(read_telemetry(plant, "wheel_phi_N", "wheel_theta_N"))
+            torques.append(read_telemetry(plant, "torque_phi_Nm", "torque_theta_Nm"))
         reached.append(plant.state[:, [2, 6]])
     assert np.degrees(np.ptp(reached, axis=0)) == pytest.approx(np.full((3, 2), 16), abs=0.5)
     assert np.min(wheels) > 25
@@ -252,7 +252,7 @@ def test_a_wheel_can_lift_off_its_cam():
     plant.start(BESIDE)
     plant.advance(np.array([[5.0, 0.0]]), 150)
     plant.advance(np.array([[-20.0, 0.0]]), 30)
-    assert told(plant, "wheel_phi_N") == 0
+    assert read_telemetry(plant, "wheel_phi_N") == 0
     assert not plant.warnings.any()
 
 

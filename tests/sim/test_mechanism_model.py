@@ -15,8 +15,10 @@ import pytest
 
 from twin.base.errors import ModelError
 from twin.base.shipped import model_path
+from twin.sim.plant.fitting import compile_with, fit_parts
 from twin.sim.plant.interface import Parts
-from twin.sim.plant.model import compile_with, differing, fields_of, fit_parts, load_model
+from twin.sim.plant.model import load_model
+from twin.sim.plant.rig_models import differing, fields_of
 
 KINDS = (
     *("bodies", "joints", "geoms", "sites", "cameras", "lights", "textures", "materials"),

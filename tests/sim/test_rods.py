@@ -31,7 +31,7 @@ def poses():
     return plant
 
 
-def told(plant, name):
+def read_telemetry(plant, name):
     return plant.telemetry()[:, plant.channels.index(name)]
 
 
@@ -49,7 +49,9 @@ def test_at_rest_the_torque_is_the_slope_of_the_plates_height(poses):
     def energy(motor):
         return weight * high * np.cos(LINKAGE.plate(motor)).prod(axis=-1)
 
-    torques = np.stack([told(poses, f"torque_{axis}_Nm") for axis in ("phi", "theta")], axis=-1)
+    torques = np.stack(
+        [read_telemetry(poses, f"torque_{axis}_Nm") for axis in ("phi", "theta")], axis=-1
+    )
     for axis, step in enumerate(nudge * np.eye(2)):
         slope = (energy(poses.motor + step) - energy(poses.motor - step)) / (2 * nudge)
         assert np.abs(slope).max() > 0.03

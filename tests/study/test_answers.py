@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.run.files import MOTION_INDICATORS
+from twin.run.indicators import MOTION_INDICATORS
 from twin.study.answers import Answer, answers, sobol_indices, spread, wilson
 from twin.study.experiments import Store, carry
 from twin.study.report import in_order, sentences, write

@@ -143,7 +143,7 @@ def test_a_screen_and_its_plan_refuse_an_engine_in_one_line(study, tmp_path, mon
     for more in ((), ("--plan",)):
         code, _, error = study("screened.toml", "--screen", "2", "--engine", "c", *more)
         assert code == 2
-        assert "--engine c: not with --screen, whose runs on the mechanism need Python" in error
+        assert "--engine c: not with --screen: its runs on the mechanism need Python" in error
 
 
 @pytest.mark.parametrize("method", ["grid", "lhs"])

@@ -40,7 +40,7 @@ def biased(true: Array, other: Array) -> Array:
     return 2 * true + 0.5 * other + 3
 
 
-def drawn(rng: np.random.Generator, count: int) -> tuple[Array, Array]:
+def draw_functions(rng: np.random.Generator, count: int) -> tuple[Array, Array]:
     """The dear function, normal with mean 0 and variance 1, and the cheap one."""
     true, other = rng.standard_normal((2, count))
     return true, biased(true, other)
@@ -53,7 +53,7 @@ def replications(
     found = []
     for seed in range(count):
         rng = np.random.default_rng(seed)
-        (own, paired), (_, wide) = drawn(rng, points), drawn(rng, TIMES * points)
+        (own, paired), (_, wide) = draw_functions(rng, points), draw_functions(rng, TIMES * points)
         found.append((single(own), paired, single(wide)))
     return found
 

@@ -76,6 +76,7 @@ BESIDE = {
     "base/validation",
     "base/writing",
     "installation",
+    "run/exporters",
     "run/files",
     "scenario/__init__",
     "scenario/describe",
@@ -89,7 +90,7 @@ def test_all_that_a_run_imports_is_in_the_key_but_what_reads_its_files():
     ).find_upstream_modules("twin.run.loop")
     files = {source(*name.split(".")[1:]) for name in imported if name.startswith("twin.")}
     files = {path / "__init__" if path.is_dir() else path for path in files}
-    known = {path.with_suffix("") for path in work.sources()}
+    known = {path.with_suffix("") for path in work.sources() if path.suffix == ".py"}
     assert files - known == {source(name) for name in BESIDE}
 
 

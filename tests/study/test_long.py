@@ -78,7 +78,7 @@ def start(
     )
 
 
-def kept(folder: Path) -> list[Row]:
+def read_rows(folder: Path) -> list[Row]:
     paths = (folder / "out" / "chunks").glob("[!.]*.parquet")
     return [row for path in paths for row in pq.read_table(path).to_pylist()]
 
@@ -95,9 +95,9 @@ def test_a_study_killed_at_random_moments_has_no_wrong_or_doubled_row(folder, pr
     rng = random.Random(int(processes))
     kills = 0
     for attempt in range(100):
-        before = len(kept(folder))
+        before = len(read_rows(folder))
         child = start(folder, "--processes", processes)
-        while attempt % 5 and child.poll() is None and len(kept(folder)) == before:
+        while attempt % 5 and child.poll() is None and len(read_rows(folder)) == before:
             time.sleep(0.01)
         try:
             # now and then while it starts, else while it works; soon, until some have been killed
@@ -107,12 +107,12 @@ def test_a_study_killed_at_random_moments_has_no_wrong_or_doubled_row(folder, pr
             os.killpg(child.pid, signal.SIGKILL)
             kills += 1
         child.communicate()
-        rows = kept(folder)
+        rows = read_rows(folder)
         assert len({row["key"] for row in rows}) == len(rows)
         assert all(truth[row["key"]] == row for row in rows)
         if child.returncode == 0:
             break
-    assert {row["key"]: row for row in kept(folder)} == truth
+    assert {row["key"]: row for row in read_rows(folder)} == truth
     table = pq.read_table(folder / "out" / "rows.parquet")
     assert table.num_rows == len(truth)
     assert kills >= 3
@@ -134,7 +134,7 @@ def test_a_killed_worker_costs_a_retry_and_not_the_study(folder, cluster) -> Non
     from distributed import Client
 
     child = start(folder, "--scheduler", cluster.scheduler_address)
-    while not kept(folder) and child.poll() is None:
+    while not read_rows(folder) and child.poll() is None:
         time.sleep(0.05)
     with Client(cluster.scheduler_address) as client:
         victim, *_ = client.run(os.getpid).values()
@@ -142,7 +142,7 @@ def test_a_killed_worker_costs_a_retry_and_not_the_study(folder, cluster) -> Non
     assert child.poll() is None, "the study was over before a worker was killed"
     assert child.wait(240) == 0
     child.communicate()
-    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
+    assert {row["key"]: row for row in read_rows(folder)} == undisturbed(folder)
 
 
 @contextmanager
@@ -185,7 +185,7 @@ def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
     worker = ("worker", address, "--nthreads", "1", "--no-nanny")
     with scheduler(port) as first, dask(*worker):
         child = start(folder, "--scheduler", address)
-        while not kept(folder) and child.poll() is None:
+        while not read_rows(folder) and child.poll() is None:
             time.sleep(0.05)
         first.kill()
         first.wait()
@@ -193,7 +193,7 @@ def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
     with scheduler(port), dask(*worker):
         assert child.wait(240) == 0
         child.communicate()
-    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
+    assert {row["key"]: row for row in read_rows(folder)} == undisturbed(folder)
 
 
 def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from twin.base.errors import TwinError
 from twin.base.jobs import handed_out
-from twin.run.files import MOTION_INDICATORS
+from twin.run.indicators import MOTION_INDICATORS
 from twin.run.loop import simulate
 from twin.scenario import load
 from twin.study import experiments as carrying

@@ -15,7 +15,7 @@ import pytest
 import ballplate as bp
 from ballplate.studies import screen_of
 from twin.base.errors import ScenarioError
-from twin.run.files import MOTION_INDICATORS
+from twin.run.indicators import MOTION_INDICATORS
 from twin.study import compiled
 from twin.study.answers import answers
 from twin.study.experiments import ROW_SCHEMA

@@ -15,26 +15,14 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from docs import chapter8 as page
-from twin.cli.understand import reproduce
+from twin.cli.reproduce import reproduce
 from twin.run.controller_building import build_controller
 from twin.run.metrics import Motion
-from twin.thesis import chapter8
-from twin.thesis.chapter8 import (
-    COMPUTED_WAYS,
-    THESIS_COLUMNS,
-    Agreement,
-    Disagreement,
-    Reason,
-    ReproductionJob,
-    RowResult,
-    carry_out,
-    compare,
-    judge,
-    lines,
-    read_stored,
-    sentence,
-    tables,
-)
+from twin.thesis import chapter8_runs, chapter8_tables
+from twin.thesis.chapter8 import Agreement, compare, lines, sentence
+from twin.thesis.chapter8_runs import COMPUTED_WAYS, ReproductionJob, RowResult, carry_out, judge
+from twin.thesis.chapter8_tables import Disagreement, Reason, tables
+from twin.thesis.columns import THESIS_COLUMNS, read_stored
 
 
 def call(*arguments):
@@ -181,14 +169,14 @@ def test_a_settling_time_outside_what_could_be_read_differs(steps):
 
 def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypatch):
     (table,), found = steps
-    monkeypatch.setattr(chapter8, "row_results", lambda *_: found.values())
+    monkeypatch.setattr(chapter8_runs, "row_results", lambda *_: found.values())
     assert call("8.1").return_value == 0
-    monkeypatch.setattr(chapter8, "tables", lambda: {"8.1": altered(table, "u1_max")})
+    monkeypatch.setattr(chapter8_tables, "tables", lambda: {"8.1": altered(table, "u1_max")})
     assert call("8.1").return_value == 1
 
 
 def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
-    monkeypatch.setattr(chapter8, "row_results", lambda *_: steps[1].values())
+    monkeypatch.setattr(chapter8_runs, "row_results", lambda *_: steps[1].values())
     cells = json.loads(call("8.1", "--json").stdout)
     assert len(cells) == 15
     keys = {
@@ -229,7 +217,7 @@ def short(monkeypatch, name, seeds=1, **setup):
     about = {"duration": 0.3, "metrics": {"start": 0.1}, **setup}
     rows = [replace(row, seeds=seeds, setup={**row.setup, **about}) for row in table.rows]
     new = {name: replace(table, rows=tuple(rows))}
-    monkeypatch.setattr(chapter8, "tables", lambda: new)
+    monkeypatch.setattr(chapter8_runs, "tables", lambda: new)
 
 
 def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(monkeypatch):
@@ -243,7 +231,7 @@ def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(mo
     assert all(ends["sampled"].values.values())
 
 
-def judged(column, x, bands=(5.0,)):
+def evaluate_column(column, x, bands=(5.0,)):
     """What a column comes to for a run along x, by default from 0 to 1 s."""
     zeros = np.zeros((len(x), 2))
     motion = Motion(
@@ -259,19 +247,19 @@ def judged(column, x, bands=(5.0,)):
 
 
 def test_the_overshoot_is_relative_to_the_value_at_the_end():
-    assert judged("overshoot", np.array([0.0, 0.5, 1.2, 0.8])) == pytest.approx([50.0])
+    assert evaluate_column("overshoot", np.array([0.0, 0.5, 1.2, 0.8])) == pytest.approx([50.0])
 
 
 def test_settling_times_are_read_with_three_bands_and_end_with_the_run():
     x = 1 - np.exp(-4 * np.linspace(0, 1, 1001))
     expected = [-np.log(0.05) / 4, 1.0, -np.log(0.1) / 4]  # exp(-4) is more than 1 %
-    assert judged("t_ss", x, (5.0, 1.0, 10.0)) == pytest.approx(expected, abs=1.1e-3)
+    assert evaluate_column("t_ss", x, (5.0, 1.0, 10.0)) == pytest.approx(expected, abs=1.1e-3)
 
 
 def test_the_average_errors_are_root_mean_squares():
     x = 1 - np.sin(2 * np.pi * np.linspace(0, 1, 1001)[:-1])
-    assert judged("rms_error", x) == pytest.approx([np.sqrt(0.5)])
-    assert judged("x4_error", x) == pytest.approx([3.0])
+    assert evaluate_column("rms_error", x) == pytest.approx([np.sqrt(0.5)])
+    assert evaluate_column("x4_error", x) == pytest.approx([3.0])
 
 
 @pytest.mark.parametrize(

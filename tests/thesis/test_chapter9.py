@@ -11,13 +11,12 @@ from click.testing import CliRunner
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMode
 from controllers.references import Circle, Step
 from docs import chapter9 as page
-from twin.cli.understand import reproduce as command
+from twin.cli.reproduce import reproduce as command
 from twin.run.controller_building import build_controller
 from twin.scenario import load, shipped_scenarios
 from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 from twin.study.experiments import Store
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import THESIS_COLUMNS, read_stored
 from twin.thesis.chapter9 import (
     ROLLING_FRICTION_MM,
     best,
@@ -25,6 +24,7 @@ from twin.thesis.chapter9 import (
     predicting,
     rows,
 )
+from twin.thesis.columns import THESIS_COLUMNS, read_stored
 from twin.tune.cells import Runs, cells, read
 
 KEYS = {
@@ -41,7 +41,7 @@ LAWS = {
 """The thesis's laws of chapter 9 by table."""
 
 
-def made(key="held_out", error=0.0, late=0.0, angle=1.0):
+def make_rows(key="held_out", error=0.0, late=0.0, angle=1.0):
     """Rows of every cell whose values under a key are off by known amounts."""
     found = []
     for each in chosen(()).experiments:
@@ -148,20 +148,20 @@ def test_each_of_the_four_numbers_acts_where_it_should(tmp_path):
 
 
 def test_a_perfect_prediction_reaches_every_goal():
-    assert [goal.sentence for goal in page.goals(made("predicted")) if not goal.reached] == []
-    far = page.goals(made("predicted", error=2.1))
+    assert [goal.sentence for goal in page.goals(make_rows("predicted")) if not goal.reached] == []
+    far = page.goals(make_rows("predicted", error=2.1))
     assert [goal.reached for goal in far[:3]] == [False, True, True]
 
 
 def test_goals_of_the_explanation_are_judged_by_what_was_held_out():
-    assert [goal.verdict(0.0) for goal in page.held_out_goals(made())] == ["reached"] * 9
+    assert [goal.verdict(0.0) for goal in page.held_out_goals(make_rows())] == ["reached"] * 9
     far = {
         goal.sentence.split(":")[0]: goal
-        for goal in page.held_out_goals(made(error=1.7, angle=1.2))
+        for goal in page.held_out_goals(make_rows(error=1.7, angle=1.2))
     }
     assert far["24 tracking errors"].verdict(0.0) == "not reached"
     assert far["24 tracking errors"].value == pytest.approx(1.7)
-    every, aside = page.held_out_goals(made(late=1.0))[-2:]
+    every, aside = page.held_out_goals(make_rows(late=1.0))[-2:]
     assert (every.value, aside.value) == pytest.approx((3.39, 3.17), abs=0.01)
     assert every.verdict(0.0) == aside.verdict(0.0) == "not reached"
     assert "(measured +2.39)" in every.sentence
@@ -206,7 +206,7 @@ def test_the_stored_numbers_lie_in_their_ranges_and_every_table_was_left_out():
     parameters = read("chapter_9").parameters.values()
     for search in read_stored("chapter_9")["searches"]:
         assert set(search["without"]) == set(chapter9.tables())
-        assert set(search["goals"]) == {goal.sentence for goal in page.held_out_goals(made())}
+        assert set(search["goals"]) == {goal.sentence for goal in page.held_out_goals(make_rows())}
     for group in ("", *chapter9.tables()):
         for value, about in zip(best(group), parameters, strict=True):
             assert about.low < value < about.high

@@ -3,18 +3,10 @@
 import numpy as np
 import pytest
 
-from twin.thesis.chapter8 import (
-    THESIS_COLUMNS,
-    Agreement,
-    ReproductionJob,
-    carry_out,
-    compare,
-    plan,
-    read_stored,
-    row_results,
-    sentence,
-    tables,
-)
+from twin.thesis.chapter8 import Agreement, compare, sentence
+from twin.thesis.chapter8_runs import ReproductionJob, carry_out, plan, row_results
+from twin.thesis.chapter8_tables import tables
+from twin.thesis.columns import THESIS_COLUMNS, read_stored
 
 pytestmark = pytest.mark.long
 

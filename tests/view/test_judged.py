@@ -13,7 +13,8 @@ from twin.run.finished import run, run_metadata
 from twin.run.metrics import Ending, Motion, Outcome, measure
 from twin.run.opened import open_run
 from twin.run.record import stream
-from twin.scenario.load import cut_short, load
+from twin.scenario.derived import cut_short
+from twin.scenario.load import load
 from twin.shadow.report import sentences
 from twin.view.summary import Diagnosis, describe_run, spectrum, summary
 

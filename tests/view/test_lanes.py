@@ -25,7 +25,7 @@ def rows(count, **columns):
     return found | columns
 
 
-def taken(scenario, *blocks):
+def changes_by_lane(scenario, *blocks):
     """All changes of blocks by lane: (time, state) pairs."""
     lanes, found = RunLanes(scenario), {}
     for block in blocks:
@@ -49,7 +49,7 @@ def test_changes_are_the_first_sample_of_each_state():
 
 def test_each_lane_shows_what_its_columns_say(circle):
     step = np.arange(100) >= 50
-    found = taken(
+    found = changes_by_lane(
         circle,
         rows(
             100,
@@ -69,7 +69,7 @@ def test_each_lane_shows_what_its_columns_say(circle):
         "wheels": (0.1, "theta lifted off"),
     }
     both = rows(10, wheel_phi_N=np.zeros(10), wheel_theta_N=np.zeros(10))
-    assert taken(circle, both)["wheels"] == [(0.0, "both lifted off")]
+    assert changes_by_lane(circle, both)["wheels"] == [(0.0, "both lifted off")]
 
 
 def test_every_state_has_a_colour_and_every_state_of_the_supervisor_is_one():
@@ -84,8 +84,8 @@ def test_blocks_of_any_length_give_the_changes_of_the_whole(circle):
         {name: column[first:end] for name, column in whole.items()}
         for first, end in ((0, 1), (1, 137), (137, 150), (150, 400))
     ]
-    assert taken(circle, *parts) == taken(circle, whole)
-    assert len(taken(circle, whole)["ball"]) == 5
+    assert changes_by_lane(circle, *parts) == changes_by_lane(circle, whole)
+    assert len(changes_by_lane(circle, whole)["ball"]) == 5
 
 
 def test_a_ball_at_rest_is_what_the_indicators_count():
@@ -93,7 +93,7 @@ def test_a_ball_at_rest_is_what_the_indicators_count():
     time = done.rows["time"]
     rest = find_rest(time, np.stack((done.rows["true_x_rate"], done.rows["true_y_rate"]), axis=1))
     found = np.full(len(time), "", dtype="U20")
-    for at, state in taken(done.scenario, done.rows)["ball"]:
+    for at, state in changes_by_lane(done.scenario, done.rows)["ball"]:
         found[time >= at] = state
     assert 0.2 < rest.mean() < 0.8
     assert ((found == "at rest") == rest).all()  # it lay still from the first row on
@@ -101,5 +101,5 @@ def test_a_ball_at_rest_is_what_the_indicators_count():
 
 def test_a_ball_that_stops_is_at_rest_after_a_tenth_of_a_second(circle):
     stopped = np.arange(200) >= 60
-    found = taken(circle, rows(200, true_x_rate=np.where(stopped, 0.0, 0.1)))
+    found = changes_by_lane(circle, rows(200, true_x_rate=np.where(stopped, 0.0, 0.1)))
     assert found["ball"] == [(0.0, "rolls"), (pytest.approx(0.218, abs=0.003), "at rest")]

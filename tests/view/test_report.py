@@ -10,10 +10,10 @@ from markupsafe import Markup
 
 from twin.base.errors import RecordError
 from twin.base.writing import write_json
-from twin.cli.runs import report as command
+from twin.cli.see import report as command
 from twin.devices.realtime import TimingLog
-from twin.run.files import INDICATOR_UNITS
 from twin.run.finished import Run, record_run, run
+from twin.run.indicators import INDICATOR_UNITS
 from twin.run.opened import open_run, open_runs
 from twin.run.tables import INDICATOR_LABELS, TIMING_NAMES
 from twin.scenario.load import check
@@ -33,7 +33,7 @@ TABLES = {
 }
 
 
-def made(ball, tables=TABLES, **columns):
+def make_run(ball, tables=TABLES, **columns):
     """A run whose ball moved as a function of time says, with nothing at its limits."""
     scenario = check(tables, "test")
     time = np.arange(round(scenario.duration / 0.002)) * 0.002
@@ -55,7 +55,7 @@ def rest(time):
 
 
 def reference(time):
-    return made(rest).followed(time)[0]
+    return make_run(rest).followed(time)[0]
 
 
 def on_x(values):
@@ -63,36 +63,36 @@ def on_x(values):
 
 
 def test_lag_and_gain_of_a_known_motion_are_found():
-    found = Diagnosis.of(made(lambda t: 0.9 * reference(np.maximum(t - 0.1813, 0))))
+    found = Diagnosis.of(make_run(lambda t: 0.9 * reference(np.maximum(t - 0.1813, 0))))
     assert found.lag == pytest.approx(0.1813, abs=2e-4)
     assert found.gain == pytest.approx(0.9, abs=1e-3)
     assert found.rest < 1e-4
 
 
 def test_a_delay_longer_than_any_tried_is_none():
-    found = Diagnosis.of(made(lambda t: reference(np.maximum(t - 2.2, 0))))
+    found = Diagnosis.of(make_run(lambda t: reference(np.maximum(t - 2.2, 0))))
     assert (found.lag, found.gain, found.rest) == (None, None, None)
 
 
 def test_a_resting_reference_has_no_lag():
     tables = {**TABLES, "reference": {"kind": "hold"}}
-    found = Diagnosis.of(made(lambda t: on_x(0.01 * np.sin(t)), tables))
+    found = Diagnosis.of(make_run(lambda t: on_x(0.01 * np.sin(t)), tables))
     assert (found.lag, found.gain, found.rest) == (None, None, None)
 
 
 def test_the_error_is_the_root_mean_square_from_the_start_of_the_metrics():
-    found = Diagnosis.of(made(lambda t: reference(t) + on_x(np.where(t < 6, 0.2, 0.004))))
+    found = Diagnosis.of(make_run(lambda t: reference(t) + on_x(np.where(t < 6, 0.2, 0.004))))
     assert found.rms == pytest.approx(0.004)
 
 
 def test_cut_effort_is_counted_and_told():
-    some = made(reference)
+    some = make_run(reference)
     requested = some.rows["requested_phi_acc"].copy()
     requested[:2500] = 9.0
-    cut = made(reference, requested_phi_acc=requested)
+    cut = make_run(reference, requested_phi_acc=requested)
     assert Diagnosis.of(cut).cut == pytest.approx(0.25)
     assert any("cut the effort 25.0 %" in line for line in summary(cut, Diagnosis.of(cut)))
-    rolling = made(reference, true_x_rate=np.full(10000, 0.1))
+    rolling = make_run(reference, true_x_rate=np.full(10000, 0.1))
     sentences = summary(rolling, Diagnosis.of(rolling))
     assert any("No limit was in the way" in line for line in sentences)
 
@@ -101,14 +101,14 @@ def test_what_held_the_ball_is_said_in_place_of_no_limit():
     """On a rig where friction or an end stop holds the ball, that is what was in the way."""
     speed = np.full(10000, 0.1)
     speed[:500] = 0.0
-    sticks = made(reference, true_x_rate=speed)
+    sticks = make_run(reference, true_x_rate=speed)
     told = verdict(sticks, replace(Diagnosis.of(sticks), lag=None, gain=None, rest=None))
     assert told.endswith(": friction held the ball at rest 5.0 % of the time.")
     sentences = summary(sticks, Diagnosis.of(sticks))
     assert any(each.startswith("No limit of the plate was reached") for each in sentences)
     radius = sticks.scenario.plant.ball.radius
     walls = TABLES | {"plant": {"kind": "lagrange", "rim": {"size": [0.14, 0.0]}}}
-    walled = made(
+    walled = make_run(
         lambda t: on_x(np.where(t < 5, 0.07 - radius, 0.0)), walls, true_x_rate=np.full(10000, 0.1)
     )
     assert Diagnosis.of(walled).walled == pytest.approx(0.25)
@@ -124,15 +124,15 @@ def test_what_the_observer_made_of_friction_is_drawn():
     known = {f"estimated_{name}": np.full(10000, 0.053) for name in names}
     known |= {f"estimated_{name}_spread": np.full(10000, 0.004) for name in names[:3]}
     measured = {f"measured_{axis}": np.zeros(10000) for axis in "xy"}
-    one = made(rest, **known, **measured)
+    one = make_run(rest, **known, **measured)
     plots = signals(one.rows, one.motion.reference)
     assert plots["friction_mm_per_s2"]["friction"][0] == pytest.approx(53)
-    silent = made(rest, **measured)
+    silent = make_run(rest, **measured)
     assert "friction_mm_per_s2" not in signals(silent.rows, silent.motion.reference)
 
 
 def test_a_ball_stuck_by_friction_is_called_stuck():
-    still = made(rest, HOLD, true_phi=np.full(10_000, np.radians(0.3)))
+    still = make_run(rest, HOLD, true_phi=np.full(10_000, np.radians(0.3)))
     found = Diagnosis.of(still)
     assert found.stuck == pytest.approx(0.03)
     (sentence,) = [text for text in summary(still, found) if "stuck" in text]
@@ -143,24 +143,24 @@ def test_a_ball_stuck_by_friction_is_called_stuck():
 
 def test_how_long_friction_held_the_ball_is_told():
     moving = np.where(np.arange(10000) < 3000, 0.0, 0.02)
-    held = made(rest, true_x_rate=moving)
+    held = make_run(rest, true_x_rate=moving)
     assert any("at rest 30.0 % of the whole" in line for line in summary(held, Diagnosis.of(held)))
     smooth = {**TABLES, "plant": {"kind": "lagrange", "friction": {"rolling_mm": 0.0}}}
     freed = {**TABLES, "change": [{"at": 5.0, "set": {"plant.friction.rolling_mm": 0.0}}]}
     for tables in (smooth, freed):  # without friction a ball may rest, too
-        free = made(rest, tables, true_x_rate=moving)
+        free = make_run(rest, tables, true_x_rate=moving)
         assert free.motion.held is None
         assert not any("held" in line for line in summary(free, Diagnosis.of(free)))
 
 
 def test_a_ball_that_creeps_or_lies_where_it_should_is_not_stuck():
-    assert Diagnosis.of(made(lambda t: on_x(0.2e-3 * t), HOLD)).stuck is None
-    assert Diagnosis.of(made(lambda t: on_x(np.full(len(t), 0.0295)), HOLD)).stuck is None
-    assert Diagnosis.of(made(rest)).stuck is None  # its reference moves
+    assert Diagnosis.of(make_run(lambda t: on_x(0.2e-3 * t), HOLD)).stuck is None
+    assert Diagnosis.of(make_run(lambda t: on_x(np.full(len(t), 0.0295)), HOLD)).stuck is None
+    assert Diagnosis.of(make_run(rest)).stuck is None  # its reference moves
 
 
 def test_the_verdict_is_one_sentence_led_by_the_error():
-    behind = made(lambda t: 0.9 * reference(np.maximum(t - 0.18, 0)))
+    behind = make_run(lambda t: 0.9 * reference(np.maximum(t - 0.18, 0)))
     late = np.arange(3000, 10_000) * 0.002
     error = 0.1 * np.sqrt(2) * (np.sin(late) - 0.9 * np.sin(late - 0.18))  # on x and y alike
     assert verdict(behind, Diagnosis.of(behind), 0.25).startswith(
@@ -169,13 +169,13 @@ def test_the_verdict_is_one_sentence_led_by_the_error():
         "the ball ran 180 ms behind its reference on a path 10.0 % smaller; apart from these two "
         "the error is "
     )
-    still = made(rest, HOLD)
+    still = make_run(rest, HOLD)
     still.metrics["tracking_error_percent"] = None
     assert verdict(still, Diagnosis.of(still)).startswith(
         "30 mm RMS over x and y from 6 s on: at the end the ball lay stuck by friction 30 mm away"
     )
     metrics = {"outcome": "fell", "outcome_time": 3.25, "reason": "ball left the plate"}
-    fell = replace(made(reference), metrics=metrics)
+    fell = replace(make_run(reference), metrics=metrics)
     told = "The ball fell off the plate after 3.25 s: ball left the plate."
     assert verdict(fell, Diagnosis.of(fell)) == summary(fell, Diagnosis.of(fell))[0] == told
 
@@ -187,7 +187,7 @@ def test_a_fault_of_a_late_computer_is_put_down_to_it_first():
         log = TimingLog(0.002)
         for _ in range(50):
             log.tick(lateness)
-        run = replace(made(reference), metrics=metrics, ledger=log.as_dict())
+        run = replace(make_run(reference), metrics=metrics, ledger=log.as_dict())
         return verdict(run, Diagnosis.of(run))
 
     assert told(0.003, metrics) == (
@@ -202,7 +202,7 @@ def test_a_fault_of_a_late_computer_is_put_down_to_it_first():
 
 def test_the_spectrum_of_a_sine_reads_its_amplitude_at_its_frequency():
     frequency, amplitude = spectrum(
-        made(lambda t: reference(t) - on_x(0.003 * np.sin(20 * np.pi * t)))
+        make_run(lambda t: reference(t) - on_x(0.003 * np.sin(20 * np.pi * t)))
     )
     at = int(np.argmax(amplitude[:, 0]))
     assert frequency[at] == pytest.approx(10.0, abs=0.05)
@@ -232,7 +232,7 @@ class Links(HTMLParser):
 
 @pytest.fixture(scope="module")
 def runs():
-    return [made(reference), made(lambda t: 0.5 * reference(t))]
+    return [make_run(reference), make_run(lambda t: 0.5 * reference(t))]
 
 
 @pytest.fixture(scope="module")

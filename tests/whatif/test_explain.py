@@ -20,7 +20,7 @@ from twin.cli.understand import _effects
 from twin.cli.understand import explain as command
 from twin.run import picture
 from twin.scenario import Scenario, load
-from twin.scenario.load import clean as cleaned
+from twin.scenario.derived import clean as cleaned
 from twin.whatif import attribution
 from twin.whatif.attribution import (
     ALL,

@@ -18,7 +18,7 @@ from twin.base.errors import TwinError
 from twin.cli import ballplate
 from twin.run import finished
 from twin.run.controller_building import build_controller
-from twin.run.files import export
+from twin.run.exporters import export
 from twin.run.logs import NEEDED_COLUMNS
 from twin.run.metrics import INTERRUPTED_REASON
 from twin.run.opened import open_run, open_runs

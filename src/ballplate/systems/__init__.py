@@ -56,19 +56,20 @@ if TYPE_CHECKING:
 __all__ = ["UNITS", "controller", "equations", "exact", "law", "linear", "mechanism", "sampled"]
 
 
-INPUTS = ("phi_acc", "theta_acc")
+INPUT_NAMES = ("phi_acc", "theta_acc")
 """Plate accelerations u of (5.8)."""
-DESIRED = ("reference_x", "reference_y")
-"""Where the ball shall be, in plate axes."""
-AGE = "contact_age"
-SPIN = "spin"
+REFERENCE_NAMES = ("reference_x", "reference_y")
+"""Desired position of the ball, in plate axes."""
+CONTACT_AGE_NAME = "contact_age"
+SPIN_NAME = "spin"
+"""Further states: age of the contact, and spin of the ball about the plate's normal."""
 
 UNITS = {
     **dict(zip(STATE_NAMES, 2 * ("m", "m/s", "rad", "rad/s"), strict=True)),
-    **dict.fromkeys(INPUTS, "rad/s^2"),
-    **dict.fromkeys(DESIRED, "m"),
-    AGE: "1",
-    SPIN: "rad/s",
+    **dict.fromkeys(INPUT_NAMES, "rad/s^2"),
+    **dict.fromkeys(REFERENCE_NAMES, "m"),
+    CONTACT_AGE_NAME: "1",
+    SPIN_NAME: "rad/s",
 }
 """Unit of each input and output, and of the states of ball and plate."""
 
@@ -118,7 +119,7 @@ def linear(
     """
     A, B, _ = model(scenario, settings, **changes).linear()
     system = System(A, B, np.eye(8), np.zeros((8, 2)))
-    return state_space(system, INPUTS, STATE_NAMES, "linear", STATE_NAMES)
+    return state_space(system, INPUT_NAMES, STATE_NAMES, "linear", STATE_NAMES)
 
 
 def sampled(
@@ -214,7 +215,7 @@ def equations(
     if scenario is not None:
         chosen = scenario_of(scenario, changes_of(settings, changes)).plant.ball_spin
     about = RollingModel.of(ball, without_state(chosen, spin=spin))
-    gravity, states = (0.0, 0.0, -ball.gravity), (*STATE_NAMES, *([SPIN] if spin else []))
+    gravity, states = (0.0, 0.0, -ball.gravity), (*STATE_NAMES, *([SPIN_NAME] if spin else []))
     scale = about.share * ball.radius
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
@@ -225,7 +226,7 @@ def equations(
         return np.array(rates + ([-(at.hx * x[1] + at.hy * x[5]) / scale] if spin else []))
 
     return control.nlsys(
-        update, None, inputs=list(INPUTS), outputs=list(states), states=list(states),
+        update, None, inputs=list(INPUT_NAMES), outputs=list(states), states=list(states),
         name="equations",
     )  # fmt: skip
 
@@ -274,7 +275,11 @@ def exact(
     plant.linkage = None
     period, steps = chosen.rig.period, round(chosen.rig.period / plant.step)
     ageing, spinning = plant.age is not None, plant.ball_spin == "free"
-    states = (*STATE_NAMES, *([AGE] if ageing else []), *([SPIN] if spinning else []))
+    states = (
+        *STATE_NAMES,
+        *([CONTACT_AGE_NAME] if ageing else []),
+        *([SPIN_NAME] if spinning else []),
+    )
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
         plant.resume(x[np.newaxis, :8], x[8:9] if ageing else None, x[-1:] if spinning else None)
@@ -283,10 +288,10 @@ def exact(
         further = [each for each in (age, plant.spin if spinning else None) if each is not None]
         return np.concatenate((plant.state[0], *further))
 
+    inputs, outputs = list(INPUT_NAMES), list(states)
     return control.nlsys(
-        update, None, inputs=list(INPUTS), outputs=list(states), states=list(states), dt=period,
-        name="exact",
-    )  # fmt: skip
+        update, None, inputs=inputs, outputs=outputs, states=outputs, dt=period, name="exact"
+    )
 
 
 def _over(steps: int, A: Array, B: Array) -> tuple[Array, Array]:
@@ -309,7 +314,7 @@ def _delay_measurement(
         late = System(late.A[:-2, :-2], late.B[:-2], late.C[:, :-2], late.D, late.period)
     kept = (len(late.A) - len(plant.A)) // 2
     delays = [f"{axis}_{back + 1}" for back in range(kept) for axis in ("x", "y")]
-    return state_space(late, INPUTS, MEASUREMENT_NAMES, name, (*states, *delays))
+    return state_space(late, INPUT_NAMES, MEASUREMENT_NAMES, name, (*states, *delays))
 
 
 def law(
@@ -338,7 +343,7 @@ def law(
         system = tracking_law(chosen)
     except ValueError as error:
         raise ScenarioError(f"controller: {error}") from error
-    return state_space(system, (*STATE_NAMES, *DESIRED), INPUTS, "law")
+    return state_space(system, (*STATE_NAMES, *REFERENCE_NAMES), INPUT_NAMES, "law")
 
 
 def controller(
@@ -365,4 +370,4 @@ def controller(
         system = linear_controller(built.law, built.observer)
     except ValueError as error:
         raise ScenarioError(f"controller: {error}") from error
-    return state_space(system, MEASUREMENT_NAMES, INPUTS, "controller")
+    return state_space(system, MEASUREMENT_NAMES, INPUT_NAMES, "controller")

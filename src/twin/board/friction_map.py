@@ -16,12 +16,8 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.interfaces import Measurement
 from controllers.observers import FrictionKalman, FrictionMapKalman
-from controllers.observers.friction import (
-    FRICTION_INDEX,
-    PENDING_SAMPLES,
-    diagonal,
-    gaussian_field,
-)
+from controllers.observers.friction import FRICTION_INDEX, PENDING_SAMPLES, diagonal
+from controllers.observers.friction_map import gaussian_field
 from controllers.observers.late_ball import LocalState
 from twin.board.symbols import SymbolArray, as_symbols, expressions, new_symbols
 

@@ -22,10 +22,10 @@ from controllers.fmu import keep_up
 from twin.base.errors import ScenarioError, plural, shorten
 from twin.board.program import command_of
 from twin.board.protocol import (
-    ANSWERED,
-    HELLO,
-    NUMBERS,
-    VERSION,
+    ANSWER_LENGTH,
+    HELLO_LENGTH,
+    MAX_FRAME_NUMBER,
+    PROTOCOL_VERSION,
     Answer,
     FrameError,
     decode,
@@ -69,9 +69,11 @@ class BoardProcess:
         self._reader.start()
         self._number = 0
         finalize(self, _end, self._process, self._complaints)
-        version, own = self._hear(0, HELLO, START_TIMEOUT_S).tolist()
-        if version != VERSION:
-            raise self._failed(f"speaks version {version:g} of the protocol, which is {VERSION}")
+        version, own = self._hear(0, HELLO_LENGTH, START_TIMEOUT_S).tolist()
+        if version != PROTOCOL_VERSION:
+            raise self._failed(
+                f"speaks version {version:g} of the protocol, which is {PROTOCOL_VERSION}"
+            )
         if not abs(own - period) <= 1e-6 * period:
             raise self._failed(f"is made for a period of {own:g} s; rig.period is {period:g} s")
 
@@ -82,14 +84,14 @@ class BoardProcess:
             AnswerError: If there is none within the time, or it is none: why, in one line.
         """
         assert self._process.stdin is not None
-        self._number = self._number % NUMBERS + 1
+        self._number = self._number % MAX_FRAME_NUMBER + 1
         if self._number == 1:
             keep_up(self._process, self._reader)
         with suppress(OSError):  # it has ended: its last message is still to be read
             self._process.stdin.write(encode(self._number, measured))
             self._process.stdin.flush()
         try:
-            return Answer.of(self._hear(self._number, ANSWERED, self._limit))
+            return Answer.of(self._hear(self._number, ANSWER_LENGTH, self._limit))
         except FrameError as error:
             raise self._failed(f"{error}, at {measured[0]:g} s") from error
 

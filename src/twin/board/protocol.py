@@ -18,20 +18,20 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import plural
 
-BEGIN = 0xB5
+FRAME_BEGIN = 0xB5
 """The first byte of a frame."""
-VERSION = 1
+PROTOCOL_VERSION = 1
 """Version of the protocol, which a program states."""
-HELLO = 2
+HELLO_LENGTH = 2
 """Numbers of the first frame: version, control period in s."""
-MEASURED = 17
+MEASUREMENT_LENGTH = 17
 """Numbers of a measurement: time in s, (x, phi, y, theta) in m and rad, age of the ball's position
 in s, whether the ball is felt, and the desired position with four derivatives, shape (5, 2)."""
-ANSWERED = 14
+ANSWER_LENGTH = 14
 """Numbers of an answer, see ``Answer``."""
-NUMBERS = 255
+MAX_FRAME_NUMBER = 255
 """Measurements have the numbers 1 to this in turn."""
-HEAD = struct.Struct("<BBH")
+FRAME_HEAD = struct.Struct("<BBH")
 CHECK_SUM = struct.Struct("<H")
 SHOWN_BYTES = 40
 """Most bytes that a message quotes of something that is no frame."""
@@ -79,7 +79,7 @@ class Answer(NamedTuple):
 def encode(number: int, content: Sequence[float] | Array) -> bytes:
     """The frame of a number and a content."""
     numbers = np.asarray(content, "<f8").tobytes()
-    head = HEAD.pack(BEGIN, number, len(numbers))
+    head = FRAME_HEAD.pack(FRAME_BEGIN, number, len(numbers))
     return head + numbers + CHECK_SUM.pack(binascii.crc_hqx(head[1:] + numbers, 0))
 
 
@@ -94,17 +94,17 @@ def decode(heard: bytes, number: int, count: int) -> Array | None:
     Raises:
         FrameError: If that is no such frame, or more than one.
     """
-    if heard and heard[0] != BEGIN:
+    if heard and heard[0] != FRAME_BEGIN:
         shown = heard[:SHOWN_BYTES].decode("ascii", errors="backslashreplace")
-        raise FrameError(f"sent {shown!r}, but a frame begins with {BEGIN:#x}")
-    if len(heard) < HEAD.size:
+        raise FrameError(f"sent {shown!r}, but a frame begins with {FRAME_BEGIN:#x}")
+    if len(heard) < FRAME_HEAD.size:
         return None
-    _, given, length = HEAD.unpack_from(heard)
+    _, given, length = FRAME_HEAD.unpack_from(heard)
     if given != number:
         raise FrameError(f"sent frame {given} instead of {number}")
     if length != 8 * count:
         raise FrameError(f"sent a frame of {plural(length, 'byte')} instead of {8 * count}")
-    end = HEAD.size + length
+    end = FRAME_HEAD.size + length
     if len(heard) < end + CHECK_SUM.size:
         return None
     (stated,) = CHECK_SUM.unpack_from(heard, end)
@@ -114,4 +114,4 @@ def decode(heard: bytes, number: int, count: int) -> Array | None:
         )
     if more := len(heard) - end - CHECK_SUM.size:
         raise FrameError(f"sent {plural(more, 'byte')} more than one frame")
-    return np.frombuffer(heard, "<f8", count, HEAD.size).astype(float)
+    return np.frombuffer(heard, "<f8", count, FRAME_HEAD.size).astype(float)

@@ -46,14 +46,14 @@ from twin.board.footprint import measure_footprint
 from twin.board.friction_map import map_of
 from twin.board.plan import plan_of
 from twin.board.program import INSTRUCTION_SHIFT, build_command
-from twin.board.protocol import ANSWERED, MEASURED, VERSION
+from twin.board.protocol import ANSWER_LENGTH, MEASUREMENT_LENGTH, PROTOCOL_VERSION
 from twin.board.trace import check_exportable, trace
 from twin.hal.supervisor import BALL_LOST_AFTER_S
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
-BOARD = "cortex-m4"
+BOARD_TARGET = "cortex-m4"
 """The folder with what makes the controller a program of an emulated board."""
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 MAX_DIFFERENCE_RAD_S = {"double": 1e-9, "float": 1e-2}
@@ -85,14 +85,14 @@ def sources(name: str, control: Control, real: str) -> dict[str, str]:
     found = controller_sources(given)
     found[f"test_{name}.c"] = _render("replay.c.j2", real, given)
     for each in ("board.c", "board.ld"):
-        found[f"{BOARD}/{each}"] = _render(f"{each}.j2", real, given)
+        found[f"{BOARD_TARGET}/{each}"] = _render(f"{each}.j2", real, given)
     ring, states, memory = (given[each] for each in ("ring", "states", "memory"))
     parts = sum(each.numbers for each in (given["plan"], given["map"]) if each)
     given |= {
         "footprint": measure_footprint(name, found),
         "ram_bytes": NUMBER_BYTES[real] * (states + memory + 4 + 2 * ring + parts) + 8,
         "ball_lost": BALL_LOST_AFTER_S,
-        "build": build_command(BOARD, name),
+        "build": build_command(BOARD_TARGET, name),
     }
     return found | {"README.md": _render("README.md.j2", real, given)}
 
@@ -149,9 +149,9 @@ def controller_parts(name: str, control: Control, real: str) -> dict[str, Any]:
         "reference_limit": f"{MAX_REFERENCE_DIFFERENCE[real]:g}",
         "plan": plan,
         "map": map_of(inner) if isinstance(inner, FrictionMapKalman) else None,
-        "version": VERSION,
-        "measured": MEASURED,
-        "answered": ANSWERED,
+        "version": PROTOCOL_VERSION,
+        "measured": MEASUREMENT_LENGTH,
+        "answered": ANSWER_LENGTH,
         "shift": INSTRUCTION_SHIFT,
         **reference_parts(control, plan.length if plan else 0),
     }

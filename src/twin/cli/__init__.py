@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from controllers import LAWS_CLOSED_VARIABLE
 from twin.base.data_file import read_packaged
 from twin.base.errors import LawError, TwinError, printable, shorten, suggest
 from twin.base.parts import own_version
@@ -118,7 +119,7 @@ def main(arguments: list[str] | None = None) -> None:
     warnings.showwarning = _print_warning
     _tell_what_is_executed()
     if "_BALLPLATE_COMPLETE" in os.environ:  # the Tab key runs nothing of the folder it is typed in
-        os.environ["BALLPLATE_LAWS_CLOSED"] = "yes"
+        os.environ[LAWS_CLOSED_VARIABLE] = "yes"
     given = sys.argv[1:] if arguments is None else arguments
     if "--out=" in given or ("--out", "") in pairwise(given):
         sys.exit(_fail("--out: names no folder or file"))
@@ -210,7 +211,9 @@ def _tell_what_is_executed() -> None:
 def _warn_of_broken_files() -> None:
     """Name the files of laws, observers and references that could not be imported."""
     catalog = sys.modules.get("controllers.catalog")
-    for line in catalog.broken_so_far() if catalog else ():
+    if catalog is None:
+        return
+    for line in catalog.broken_so_far():
         click.echo(f"ballplate: warning: not imported: {printable(line)}", err=True)
 
 

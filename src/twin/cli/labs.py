@@ -302,7 +302,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None, *, noteboo
 
     Without the course's key the rig is one to practise on; your lecturer hands out yours.
     """
-    from twin.lab.schema import hand_out
+    from twin.lab.handing_out import hand_out
 
     folder = out or Path(f"{lab.name}-{student}")
     hand_out(lab, {student: "."}, _text(key), folder, notebook=notebook)
@@ -360,11 +360,10 @@ def variants(
 
     The class is a CSV file; its first column names the students, below a heading.
     """
-    from twin.lab.schema import hand_out
-    from twin.lab.schema import students as named
+    from twin.lab.handing_out import hand_out, read_class
 
     _warn_of_practice(lab, key)
-    people, folder = named(students), out or Path(f"variants-{lab.name}")
+    people, folder = read_class(students), out or Path(f"variants-{lab.name}")
     places = {student: student for student in people}
     hand_out(lab, places, _text(key), folder, notebook=notebook)
     say(f"{folder}/: {plural(len(people), 'rig')}")
@@ -395,15 +394,15 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     from twin.lab.copies import find_alike
     from twin.lab.grade import grade as grade_class
     from twin.lab.handed_in import collect
+    from twin.lab.handing_out import read_class
     from twin.lab.pages import class_page
     from twin.lab.result_files import marks
     from twin.lab.result_texts import summary
-    from twin.lab.schema import students
 
     if out.suffix != ".csv":
         raise ScenarioError(f"--out {out}: must end in .csv")
     with naming("--class"):
-        names = students(people) if people else None
+        names = read_class(people) if people else None
     _warn_of_practice(lab, given["key"])
     processes, key = given["processes"] or cores(), _text(given["key"])
     collected, kept = collect(lab, folder, names or ()), out.with_suffix(".results")
@@ -440,11 +439,11 @@ def _show_findings(lab: Lab, found: Iterable[Finding]) -> int:
 def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
     """Test a lab before a class uses it: solution with all points, mutants that fail."""
     from twin.base.writing import write_whole
-    from twin.lab.schema import starter as made
+    from twin.lab.handing_out import make_starter
     from twin.lab.selftest import selftest as run_selftest
 
     if starter and not lab.answer.data:
-        write_whole(lab.folder / lab.answer.file, made(lab.text("solution.py")))
+        write_whole(lab.folder / lab.answer.file, make_starter(lab.text("solution.py")))
     return _show_findings(lab, run_selftest(lab, processes or cores()))
 
 

@@ -17,13 +17,11 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.rig_access import EMULATED_RIG
+from controllers import LAWS_CLOSED_VARIABLE
 from twin.base.errors import ScenarioError, ViewError, naming, plural
 from twin.base.shipped import chosen, find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
 from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
-
-LAWS_CLOSED_VARIABLE = "BALLPLATE_LAWS_CLOSED"
-"""Copy of the name in ``controllers.catalog``, which a command imports only when it needs it."""
 
 if TYPE_CHECKING:
     from ballplate.evidence import Attach
@@ -86,7 +84,7 @@ class Command(click.Command):
 
 @contextmanager
 def laws_left_alone() -> Iterator[None]:
-    """Nothing of the folder ``laws`` is run within; files given by ``--law`` are."""
+    """Within this, no file of the folder ``laws`` is run; files given by ``--law`` are."""
     before = os.environ.get(LAWS_CLOSED_VARIABLE)
     os.environ[LAWS_CLOSED_VARIABLE] = "yes"
     try:
@@ -209,7 +207,7 @@ def check_settings(texts: Iterable[str], option: str) -> None:
         ScenarioError: If one is not.
     """
     for text in texts:
-        from twin.scenario.load import setting
+        from twin.scenario.merging import setting
 
         setting(text, option)
 

@@ -35,7 +35,8 @@ from twin.cli.trace_report import node_tables, verdict_lines
 from twin.devices.akd import TRACE_FILE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
-from twin.run.files import export, run_folder
+from twin.run.exporters import export
+from twin.run.files import run_folder
 
 if TYPE_CHECKING:
     from twin.devices.akd.config import AkdConfig
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.bus_name import BusName
     from twin.emulator.virtual_bus import VirtualBus
-    from twin.safety.trial import FaultRow
+    from twin.safety.fault_row import FaultRow
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
 
@@ -342,7 +343,8 @@ def safety(
         shown_rows = [(each["name"], each["condition"] or "none", each["fault"]) for each in listed]
         show(listed, (Table("", heads, shown_rows, words=(0, 1, 2)),))
         return 0
-    from twin.safety.trial import failure_sheet, run_all
+    from twin.safety.fault_row import failure_sheet
+    from twin.safety.trial import run_all
 
     with progress("fault matrix", len(cases)) as advance:
         rows = run_all(processes or cores(), advance, cases)
@@ -367,7 +369,7 @@ def _write_sheet(out: Path, rows: Iterable[Iterable[object]]) -> None:
 
 
 def _table(rows: list[FaultRow]) -> Table:
-    from twin.safety.trial import FAULT_HEADINGS, cells
+    from twin.safety.fault_row import FAULT_HEADINGS, cells
 
     lines = [
         (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows

@@ -95,7 +95,9 @@ def _describe_screen(done: StudyResult) -> Iterator[object]:
     """What the screen of a study found, to print."""
     from twin.study.screen_report import blocks
 
-    for block in blocks(done.work.study, done.screened) if done.screened else ():
+    if not done.screened:
+        return
+    for block in blocks(done.work.study, done.screened):
         if isinstance(block, Text):
             yield bold(block.title)
             yield from block.lines

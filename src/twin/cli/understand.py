@@ -1,9 +1,8 @@
-"""The commands explain, identify, fit, shadow, whatif, analyse and reproduce: what a run shows."""
+"""The commands explain, identify, fit, shadow, whatif and analyse: what a run shows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ import click
 
 from ballplate.changes import changes_of, scenario_of, warn_of_replaced
 from twin.base.errors import LogError, ScenarioError, naming, plural
-from twin.base.page import Table, digits
+from twin.base.page import Table
 from twin.base.parts import left_out
 from twin.base.shipped import chosen, shipped_in
 from twin.base.writing import check_writable, write_json
@@ -21,7 +20,6 @@ from twin.cli.output import (
     TERMINAL,
     Shown,
     bold,
-    dim,
     indicators,
     list_written,
     print_shipped,
@@ -41,8 +39,6 @@ from twin.run.files import RUNS_FOLDER, is_record, log_file, run_folder, run_nam
 if TYPE_CHECKING:
     from twin.identify.survey import Survey
     from twin.scenario import Scenario
-    from twin.thesis.chapter8 import Results, SimulatedTable, ThesisCell
-    from twin.thesis.chapter9 import Row
     from twin.whatif.attribution import EffectCase, Explanation
 
 
@@ -304,7 +300,7 @@ def shadow(
     states the ball of a CSV file with named columns, too; a run states its own.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
     identified ones: it learns then as with --learn). With --reference it is identified from LOG0,
-    and several logs are judged, each in a folder of its own. Writes shadow.html and shadow.json.
+    and several logs are compared, each in a folder of its own. Writes shadow.html and shadow.json.
     Exit code 1 after an alarm, or if a log differs from the reference from its start.
     """
     files = [log_file(log) for log in logs]  # a wrong name is reported before heavy imports
@@ -312,7 +308,7 @@ def shadow(
     if reference is None and len(files) > 1:
         raise ScenarioError(f"{logs[1]}: several logs need --reference LOG0")
     if reference is not None and learn:
-        raise ScenarioError("--learn: not allowed with --reference, whose twin always learns")
+        raise ScenarioError("--learn: not allowed with --reference; its twin always learns")
     if len(set(names)) < len(names):
         same = next(log for n, log in enumerate(logs) if names[n] in names[:n])
         raise ScenarioError(f"{same}: two logs have the same name; rename one")
@@ -427,7 +423,7 @@ def whatif(
     run = log_file(run)  # a wrong name is reported before anything heavy is imported
     options.check_settings(settings, "--set")
     if branches:
-        from twin.scenario.load import split_settings
+        from twin.scenario.merging import split_settings
 
         for branch in branches:
             options.check_settings(split_settings(branch), "--branch")
@@ -549,90 +545,3 @@ def _poles(pairs: Sequence[Sequence[float]]) -> str:
 
 def _format_margin(value: float | None, scale: float = 1.0) -> str:
     return "∞" if value is None else f"{scale * value:.3g}"
-
-
-@options.command(example="reproduce 8.1 8.4")
-@click.argument("tables", nargs=-1, metavar="[TABLE]...")
-@options.PROCESSES_OPTION
-@options.JSON_OPTION
-def reproduce(tables: tuple[str, ...], processes: int | None) -> int:
-    """Recompute the thesis's tables and compare.
-
-    TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
-    8.1 to 8.21 were simulated. 9.1 to 9.9 were measured on the rig: the twin predicts them from one
-    number, friction, and explains them by four, each table also by numbers fitted without it.
-    """
-    from twin.base.jobs import cores
-    from twin.thesis import chapter8, chapter9
-
-    of_8, of_9 = _chapters(tables)
-    wanted = [chapter8.tables()[name] for name in of_8]
-    jobs = chapter8.plan(wanted)
-    with progress("reproducing", sum(job.cost for job in jobs)) as advance:
-        each = chapter8.row_results(jobs, processes, advance)
-        found: Results = {(one.place, one.way): one for one in each}
-    cells = chapter8.compare(wanted, found)
-    measured: list[Row] = []
-    if of_9:
-        with progress("predicting and explaining", 1.0) as advance:
-            measured = chapter9.rows(of_9, advance, processes=processes or cores())
-    shown = chain(
-        _chapter8_tables(wanted, cells) if wanted else (),
-        _chapter9_tables(measured) if measured else (),
-    )
-    show([cell.as_dict() for cell in cells] + measured, shown)
-    return int(any(cell.verdict is chapter8.Agreement.DIFFERS for cell in cells))
-
-
-def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """The tables asked for, by chapter; a chapter's number stands for all of its tables.
-
-    Raises:
-        ScenarioError: If there is no such table.
-    """
-    from twin.thesis import chapter8, chapter9
-
-    known = {"8": list(chapter8.tables()), "9": list(chapter9.tables())}
-    wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
-    for name in sorted(wanted):
-        if not any(name in tables for tables in known.values()):
-            raise ScenarioError(
-                f"no table '{name}'; there are "
-                + " and ".join(f"{tables[0]} to {tables[-1]}" for tables in known.values())
-            )
-    of_8, of_9 = ([name for name in tables if name in wanted] for tables in known.values())
-    return of_8, of_9
-
-
-def _chapter9_tables(rows: list[Row]) -> Iterator[Shown]:
-    """The cells of chapter 9, thesis next to twin."""
-    from twin.thesis.chapter8 import THESIS_COLUMNS
-
-    keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
-    lines = [
-        (
-            *(row["table"], row["row"]),
-            f"{row['column']} [{THESIS_COLUMNS[row['column']].unit}]",
-            *(digits(row[key], "") for key in keys),
-            "fitted" if row["calibration"] else "",
-        )
-        for row in rows
-    ]
-    heads = ("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
-    yield Table("", heads, lines, words=range(len(heads)))
-
-
-def _chapter8_tables(wanted: list[SimulatedTable], cells: list[ThesisCell]) -> Iterator[Shown]:
-    from twin.thesis.chapter8 import CHAPTER8_HEADINGS, lines, sentence
-
-    for table in wanted:
-        rows, notes = lines([cell for cell in cells if cell.table == table.id])
-        yield Table(f"Table {table.id}: {table.title}", CHAPTER8_HEADINGS, rows, words=(0, 1, -1))
-        yield from map(dim, notes)
-        yield ""
-    yield dim(
-        "exact: continuous control, as kept; sampled: at 2 ms through the seam; MuJoCo: the "
-        "mechanism without rolling friction; in brackets the 5 to 95 % range of the seeds or the "
-        "range of the reading; (!) does not agree for the reason noted, !! unexplained."
-    )
-    yield sentence(cells)

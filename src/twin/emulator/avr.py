@@ -46,7 +46,7 @@ TICK_S = 0.002
 """Time in s that chip and plant take turns in."""
 
 
-_UNFIT = "emulated board: the firmware does not fit into an ATmega328P"
+_TOO_LARGE_TEXT = "emulated board: the firmware does not fit into an ATmega328P"
 
 
 def missing_programs() -> list[str]:
@@ -95,7 +95,7 @@ def build_firmware(folder: Path, controller: Path | None = None, defines: str = 
     size = size_of(program)
     if (left := RAM_BYTES - size.ram_bytes) < size.stack_bytes:
         raise RigError(
-            f"{_UNFIT}: its RAM has {plural(left, 'byte')} left for a stack of up to "
+            f"{_TOO_LARGE_TEXT}: its RAM has {plural(left, 'byte')} left for a stack of up to "
             f"{size.stack_bytes}"
         )
     return program
@@ -167,7 +167,8 @@ def _compile(
     )
     if done.returncode and re.search(r"is too large|not within region|overflowed", done.stderr):
         raise RigError(
-            f"{_UNFIT}; large are an ekf, and the table of a reference without a closed form"
+            f"{_TOO_LARGE_TEXT}; large are an ekf, and the table of a reference "
+            "without a closed form"
         )
     if done.returncode:
         raise RigError(f"emulated board: {compiler}: {find_error_line(done.stderr)}")
@@ -274,7 +275,7 @@ class PulsedPlate:
     A servo that gets no pulses keeps its last goal.
 
     Args:
-        scenario: Whose they are.
+        scenario: Of plate, ball and camera.
         neutral: Width in s of the pulse at which the plate is level.
         per_rad: Change of the width per plate angle, s/rad.
 

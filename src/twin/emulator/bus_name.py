@@ -74,7 +74,9 @@ def interface_names() -> set[str]:
     found = find_spec("can")
     for folder in (found and found.submodule_search_locations) or ():
         source = Path(folder, "interfaces", "__init__.py")
-        for node in ast.parse(source.read_text(encoding="utf-8")).body if source.exists() else ():
+        if not source.exists():
+            continue
+        for node in ast.parse(source.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "BACKENDS":
                 others = {each.name for each in entry_points(group="can.interface")}
                 return others.union(ast.literal_eval(node.value) if node.value else ())

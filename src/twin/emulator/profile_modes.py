@@ -388,5 +388,5 @@ class ModesOfOperation:
             case Mode.PROFILE_VELOCITY:
                 bits |= MODE_BIT_12 * self._is_still
             case Mode.CYCLIC_POSITION | Mode.CYCLIC_VELOCITY:
-                bits |= MODE_BIT_12 * (not self.halted)
+                bits |= 0 if self.halted else MODE_BIT_12
         return bits

@@ -45,7 +45,7 @@ from twin.emulator.virtual_bus import VirtualBus
 from twin.hal.interface import Touch, Transmission
 from twin.run.assemble import build_devices
 from twin.run.plants import build_plant, start_plant
-from twin.scenario.load import Tables
+from twin.scenario.merging import Tables
 from twin.scenario.schema import Scenario
 from twin.sim.drives import DriveModel
 from twin.sim.rig import SimulatedDevices

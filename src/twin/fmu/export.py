@@ -237,10 +237,12 @@ def model_description(
     """
     given = {"variables": variables, "fmi": fmi, "bus": bus, **about}
     given |= {"version": own_version(), "exponents": exponents}
-    files = {"modelDescription.xml": "", "buildDescription.xml": "sources/"}
+    places = {"modelDescription.xml": ""}
+    if fmi == 3:
+        places["buildDescription.xml"] = "sources/"
     return {
         f"{place}{file}": render_template(TEMPLATE_FOLDER / f"{file}.j2", **given)
-        for file, place in list(files.items())[: fmi - 1]
+        for file, place in places.items()
     }
 
 

@@ -246,7 +246,9 @@ class TiltTable:
         Args:
             tilt: Largest tilt of the plate in either direction, rad.
         """
-        for axis in ("phi", "theta") if self.given else ():
+        if not self.given:
+            return ""
+        for axis in ("phi", "theta"):
             rows, needed = (
                 np.degrees(getattr(self, axis)).round(9),
                 ANGLE_SPARE_FACTOR * np.degrees(tilt),

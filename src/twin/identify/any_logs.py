@@ -148,8 +148,8 @@ def _describe_copies(
         if {role, other} <= columns.keys() and are_copies(columns[role], columns[other]):
             yield (
                 f"{other}: {wanted[other].name} equals {wanted[role].name} ({role}) in every row, "
-                "up to the sign: a column that was written twice? Then one of them is not what it "
-                "is called, and what is fitted to it is wrong"
+                "up to the sign: a column that was written twice? Then one of them has a wrong "
+                "name, and what is fitted to it is wrong"
             )
 
 
@@ -327,7 +327,7 @@ def _clean_log(
 
 
 def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[str, Array]:
-    """Columns with the rows whose time is later than all before, from zero on.
+    """Columns with the rows of a later time than all before, from zero on.
 
     Args:
         columns: Role to values, shape (K,) each.
@@ -343,8 +343,7 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
     false = _find_false_times(columns["time"])
     if false.any():
         notes.append(
-            f"{plural(int(false.sum()), 'row')} left out: the time is far from that of both "
-            "neighbours"
+            f"{plural(int(false.sum()), 'row')} left out: the time is far from both neighbours"
         )
     columns = {role: values[~false] for role, values in columns.items()}
     time: Array = columns["time"] - columns["time"][:1]
@@ -380,7 +379,7 @@ def _begin_of_unfilled_end(columns: Mapping[str, Array]) -> int:
 
 
 def _find_false_times(time: Array) -> Mask:
-    """Rows whose time is far from that of both neighbours, which follow each other, shape (K,)."""
+    """Rows with a time far from both neighbours, which follow each other, shape (K,)."""
     before, here, after = time[:-2], time[1:-1], time[2:]
     follow = (after > before) & (after - before < MAX_COMMAND_GAP_S)
     far = (here < before - MAX_COMMAND_GAP_S) | (here > after + MAX_COMMAND_GAP_S)
@@ -427,7 +426,7 @@ def _join_rows_of_one_time(time: Array, kept: Mask, columns: dict[str, Array]) -
 
     Args:
         time: Of the rows, s, shape (K,).
-        kept: Rows whose time is later than all before, shape (K,).
+        kept: Rows of a later time than all before, shape (K,).
         columns: Role to values, shape (K,) each.
     """
     first = np.flatnonzero(kept)[np.cumsum(kept) - 1]

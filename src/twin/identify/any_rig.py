@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,62 +88,22 @@ def identify_axes(
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
-    logs, held, offsets = take_out_offsets(logs, held)
     first = logs[0]
-
-    def part_and_join() -> tuple[list[dict[str, AxisLog]], dict[str, AxisLog]]:
-        parts = [
-            split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
-        ]
-        return parts, {
-            axis: join_logs([part[axis] for part in parts], levers.get(axis), selection)
-            for axis in first.unit
-        }
-
-    known, joined = part_and_join()
-    selection, form = scale_to_samples(min(map(usual_step, joined.values())), selection)
-    say(_describe_work(joined, first.source))
-    looks = {axis: look_first(log, form) for axis, log in joined.items()}
-    for axis, look in looks.items():
-        if look:
-            say(look.describe(axis, first.unit[axis]))
-    warned = list(describe_suspicions(joined, first.unit, looks, factor))
-    for suspicion in warned:
-        say(f"warning: {suspicion}")
-    joined = _find_stops(joined, looks)
-    usual = fit_usual_parameters(joined, looks, selection, progress)
-    correction = find_correction(usual, first.unit)
-    if correction.notes:
-        usual = {}
-        warned += correction.notes
-        for note in correction.notes:
-            say(f"warning: {note}")
-        logs = [correction.apply(log) for log in logs]
-        held = held if isinstance(held, float) else [correction.apply(log) for log in held]
-        known, joined = part_and_join()
-        looks = {axis: look_first(log, form) for axis, log in joined.items()}
-        joined = _find_stops(joined, looks)
-    notes += warned
-    for axis, log in joined.items():
+    ready = _prepare_axes(logs, held, levers, factor, selection, progress, say)
+    notes += ready.warned
+    for axis, log in ready.joined.items():
         notes += describe_stops(axis, log)
-    others = (
-        [split_axes(log, held)[1] for log in logs]
-        if isinstance(held, float)
-        else [log.axes for log in held]
-    )
-    fits, found, reasons, remarks_on_fits = _fit_axes(
-        joined, first.unit, looks, usual, names, selection, form, progress
-    )
-    found, about_offsets = tell_level_at_zero(found, offsets, first.unit)
+    fits, found, reasons, remarks_on_fits = _fit_axes(ready, first.unit, names, progress)
+    found, about_offsets = tell_level_at_zero(found, ready.offsets, first.unit)
     notes += remarks_on_fits + about_offsets
     if not fits and not any(each.value is not None for each in found):
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
-    tried = _predict_held_out(fits, others, levers, selection)
+    tried = _predict_held_out(fits, ready.others, levers, ready.selection)
     scores = [score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
         scores.append(score(tried))
-    seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
+    seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in ready.fitted)
     gains = {each.name.rpartition("_")[2]: each for each in found if each.name.startswith("gain_")}
     remarks = [
         _describe_gain(axis, gains[axis], factor, held=first.axes[axis].held)
@@ -163,9 +124,98 @@ def identify_axes(
         factor=factor,
         ball=ball,
         on=str(on or ""),
-        how=selection.fitting.hold_out,
-        warned=tuple(warned),
+        how=ready.selection.fitting.hold_out,
+        warned=tuple(ready.warned),
     )
+
+
+class PreparedAxes(NamedTuple):
+    """Logs of any rig, ready to be fitted axis by axis.
+
+    Attributes:
+        fitted: The part of each log that is fitted, by axis.
+        joined: These parts of all logs joined, by axis, with end stops.
+        others: What is held out of each log, or the other logs, by axis.
+        offsets: Middle of the commands by axis, where it was taken out of them.
+        looks: First looks at the joined logs.
+        usual: Fits of their usual parameters, as far as there are any; none after a correction.
+        warned: Suspicions and corrections in words.
+        selection: Constants of the fit, scaled to the rate of the samples.
+        form: Constants of first looks, scaled alike.
+    """
+
+    fitted: list[dict[str, AxisLog]]
+    joined: dict[str, AxisLog]
+    others: list[Mapping[str, AxisLog]]
+    offsets: dict[str, float]
+    looks: dict[str, FirstLook | None]
+    usual: dict[str, AxisFit]
+    warned: list[str]
+    selection: AxisSelection
+    form: WeakForm
+
+
+def _prepare_axes(
+    logs: Sequence[AnyLog],
+    held: list[AnyLog] | float,
+    levers: Mapping[str, float],
+    factor: float,
+    selection: AxisSelection,
+    progress: Callable[[float, str], None],
+    say: Callable[[str], object],
+) -> PreparedAxes:
+    """Join the logs of each axis, look at them first, and correct clocks and axes that need it.
+
+    Args:
+        logs: What is fitted.
+        held: What is held out: other logs of the same rig, or a share of each log's time.
+        levers: How far above the plate's axis the ball is as good as, m, by axis, where known.
+        factor: Share of gravity that accelerates the ball.
+        selection: Constants of the fit.
+        progress: Called with the share of the work done and the name of the next step.
+        say: Called with lines on the work, first looks and warnings.
+    """
+    logs, held, offsets = take_out_offsets(logs, held)
+    first = logs[0]
+
+    def join(how: AxisSelection) -> tuple[list[dict[str, AxisLog]], dict[str, AxisLog]]:
+        parts = [
+            split_axes(log, held)[0] if isinstance(held, float) else dict(log.axes) for log in logs
+        ]
+        return parts, {
+            axis: join_logs([part[axis] for part in parts], levers.get(axis), how)
+            for axis in first.unit
+        }
+
+    fitted, joined = join(selection)
+    selection, form = scale_to_samples(min(map(usual_step, joined.values())), selection)
+    say(_describe_work(joined, first.source))
+    looks = {axis: look_first(log, form) for axis, log in joined.items()}
+    for axis, look in looks.items():
+        if look:
+            say(look.describe(axis, first.unit[axis]))
+    warned = list(describe_suspicions(joined, first.unit, looks, factor))
+    for suspicion in warned:
+        say(f"warning: {suspicion}")
+    joined = _find_stops(joined, looks)
+    usual = fit_usual_parameters(joined, looks, selection, progress)
+    correction = find_correction(usual, first.unit)
+    if correction.notes:
+        usual = {}
+        warned += correction.notes
+        for note in correction.notes:
+            say(f"warning: {note}")
+        logs = [correction.apply(log) for log in logs]
+        held = held if isinstance(held, float) else [correction.apply(log) for log in held]
+        fitted, joined = join(selection)
+        looks = {axis: look_first(log, form) for axis, log in joined.items()}
+        joined = _find_stops(joined, looks)
+    others: list[Mapping[str, AxisLog]] = (
+        [split_axes(log, held)[1] for log in logs]
+        if isinstance(held, float)
+        else [log.axes for log in held]
+    )
+    return PreparedAxes(fitted, joined, others, offsets, looks, usual, warned, selection, form)
 
 
 def _find_stops(
@@ -180,43 +230,38 @@ def _find_stops(
 
 
 def _fit_axes(
-    logs: Mapping[str, AxisLog],
+    ready: PreparedAxes,
     units: Mapping[str, str],
-    looks: Mapping[str, FirstLook | None],
-    usual: Mapping[str, AxisFit],
     names: tuple[str, ...],
-    selection: AxisSelection,
-    form: WeakForm,
     progress: Callable[[float, str], None],
 ) -> tuple[dict[str, AxisPredictor], list[ParameterVerdict], list[str], list[str]]:
     """Fit the plain model to each axis by itself.
 
     Args:
-        logs: The joined logs by axis, x or y.
+        ready: The logs by axis, x or y, as they were prepared.
         units: Unit of the command by axis.
-        looks: First looks at them.
-        usual: Fits of their usual parameters, as far as there are any.
         names: Parameters that are fitted in addition to the smooth ones.
-        selection: Constants of the fit.
-        form: Constants of first looks.
         progress: Called with the share of the work done and the name of the next step.
 
     Returns:
         What predicts best by axis, without an axis that cannot be fitted; the verdicts of the
         parameters of all axes; a reason for each axis without a full fit; notes for the report.
     """
+    looks, selection, form = ready.looks, ready.selection, ready.form
     fits: dict[str, AxisPredictor] = {}
     found: list[ParameterVerdict] = []
     reasons, notes = list[str](), list[str]()
-    for k, (axis, log) in enumerate(logs.items()):
+    for k, (axis, log) in enumerate(ready.joined.items()):
 
         def advance(share: float, stage: str, k: int = k, axis: str = axis) -> None:
-            progress((k + share) / len(logs), f"{axis}: {stage}")
+            progress((k + share) / len(ready.joined), f"{axis}: {stage}")
 
         try:
             check_excited(log)
             between = fit_between_stops(log, selection)
-            fit, about = select_model(log, names, between, advance, looks[axis], usual.get(axis))
+            fit, about = select_model(
+                log, names, between, advance, looks[axis], ready.usual.get(axis)
+            )
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             unknown = [

@@ -51,7 +51,7 @@ class Correction:
     """What is taken out of a log.
 
     Attributes:
-        drift: By how much the clock of the positions is faster than that of the commands.
+        drift: Relative excess of the speed of the positions' clock over the commands'.
         crossed: Axis to the share of the other axis's tilt that acts along it.
         bends: Axis to the change of its gain by a unit of tilt, as a share.
         notes: The same in words.
@@ -173,5 +173,5 @@ def describe_bend(axis: str, small: float, large: float) -> str:
     """
     return (
         f"{axis}: the gain is {digits(small)} at small tilts and {digits(large)} at the largest: "
-        "corrected; the gain is that of small tilts"
+        "corrected to the gain at small tilts"
     )

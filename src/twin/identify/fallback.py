@@ -25,16 +25,16 @@ from twin.identify.verdicts import (
 )
 from twin.identify.weak_form import WEAK_FORM, WeakForm
 
-PLAIN_WHY = "by a plain model, whose variants its interval holds"
+PLAIN_WHY = "by a plain model; the interval holds its variants"
 """Reason of a verdict by windows of any motion."""
 ROLLING_WHY = (
     "by short windows of a ball that rolls in one direction; the interval holds several lengths of "
     "them, with camber, damping or neither, levers and plays"
 )
 """Reason of a verdict by windows between end stops."""
-NAMES = {"damping": "viscous"}
+FULL_MODEL_NAMES = {"damping": "viscous"}
 """Parameters of the full model by terms of a look that have another name."""
-ALIKE = ("friction", "viscous")
+INTERCHANGEABLE_PARAMETERS = ("friction", "viscous")
 """Parameters that a look takes for each other: it has one of them, however narrow its interval."""
 OPEN_WHY = "the full model leaves the gain open, and the model that shows it has none of this"
 """Reason of a verdict on a parameter that only the full model has."""
@@ -79,10 +79,12 @@ def assess_plainly(
     why = PLAIN_WHY if first.plain else ROLLING_WHY
     for name in ("gain", "delay", "level", *first.terms):
         low, high = first.interval(name)
-        key = NAMES.get(name, name)
+        key = FULL_MODEL_NAMES.get(name, name)
         about = plain_parameter(key, unit, held=log.held)
         value = getattr(first, name)
-        narrow = key not in ALIKE and (high - low) / 2 <= about.allowed_half_width(value)
+        narrow = key not in INTERCHANGEABLE_PARAMETERS and (
+            high - low
+        ) / 2 <= about.allowed_half_width(value)
         least = {"friction": 0.0, "viscous": 0.0, "delay": DELAYS_S[log.held][0]}.get(key, low)
         found[key] = ParameterVerdict(
             about=about,

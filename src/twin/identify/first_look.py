@@ -51,7 +51,7 @@ class FirstLook:
         plain: Whether they hold any motion; else the ball rolls in one direction in each.
         explained: Share of the variance of the left side that the equation explains.
         at_ends: Share of the time in which the ball is at an end stop.
-        drift: By how much the clock of the positions is faster than that of the commands.
+        drift: Relative excess of the speed of the positions' clock over the commands'.
         drift_std: Its standard deviation.
         terms: What the model has next to gain, delay and level: damping, friction, camber.
         linkage: Lever and play that it is made with.
@@ -90,7 +90,7 @@ class FirstLook:
         return abs(self.drift) > max(how.min_drift_stds * self.drift_std, how.min_drift)
 
     def interval(self, name: str) -> tuple[float, float]:
-        """The 95 % interval of a number, which holds that of each variant that has it.
+        """The 95 % interval of a number; it holds the intervals of all variants with this number.
 
         Args:
             name: gain, delay, level, or one of the terms.
@@ -141,7 +141,7 @@ class TriedLinkages:
     """Linkages that are tried for a log.
 
     Attributes:
-        levers: Rising, m; that of the log is one of them.
+        levers: Rising, m, the lever of the log among them.
         plays: Half the widths of a gap, rising from none, in swings of the tilt.
     """
 
@@ -276,8 +276,8 @@ def look_with_linkages(
     these, it does not show the gain either. A play makes up for a part of a lever, so both are
     sought together. All levers without play and all plays with the lever of the log are tried, and
     then what lies next to each linkage that explains the windows, until no new one explains them.
-    Of so many, one explains some windows by chance: there is none where that of the log shows
-    nothing.
+    Of so many, one explains some windows by chance: there is none where the linkage of the log
+    shows nothing.
 
     Args:
         windows: Of one kind.
@@ -373,7 +373,7 @@ def _look_with_friction(
 
 
 def _put_best_first(usual: list[FirstLook], with_linkages: list[FirstLook]) -> list[FirstLook]:
-    """Looks at the same windows, those first whose first one explains them best for its terms.
+    """Looks at the same windows, the kind first that explains them best for its number of terms.
 
     By Bayes's information criterion. A lever or play that the others lack is a term as well.
 

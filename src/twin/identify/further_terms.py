@@ -1,4 +1,4 @@
-"""What a fit of an axis would gain by one term more: a single step, without another fit."""
+"""The gain of a fit of an axis by one term more: a single step, without a second fit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MIN_LAG_SHARE = 0.3
 FILTER_SETTLES = 3.0
 """Time for which a filter still has its start, over the lag."""
 MAX_COST_RISE = 4.0
-"""By how much more than the best fit one with another filter may leave: two standard deviations."""
+"""Largest excess of a fit's cost over the best one of a filter: two standard deviations."""
 LEVER_DIFFERENCE_M = 0.02
 """Difference of the lever for slopes by it."""
 STICKING_SPEEDS_M_S = (0.005, 0.015, 0.05)
@@ -28,7 +28,7 @@ STICKING_SPEEDS_M_S = (0.005, 0.015, 0.05)
 
 
 def find_term(fit: AxisFit, name: str) -> tuple[Array, float]:
-    """A term that a fit has not, by its next step from zero, and what it changes in the fit.
+    """A term that a fit has not, by its next step from zero, and the changes that follow from it.
 
     The changes are those of the omitted-variable bias, -N_pp^-1 N_pt t with the normal matrix N and
     the term t: a fit to predictions, which is at no minimum for its windows, is not moved to one. A
@@ -71,7 +71,7 @@ def find_hidden_changes(fit: AxisFit) -> list[tuple[str, Array]]:
 
     A damping that is not fitted resembles friction. A friction that is larger at rest resembles
     more friction and less damping; a ball that it holds moves later. Each is a step of the fit with
-    its term, within the interval of that. A lag may be that of a filter of the positions, behind
+    its term, within the term's interval. A lag may come from a filter of the positions, behind
     which a friction that turns looks smoother: fits with such filters change the parameters as
     well, if they explain the log.
 
@@ -109,13 +109,13 @@ def find_hidden_changes(fit: AxisFit) -> list[tuple[str, Array]]:
 
 
 def append_delay(changes: Array, names: tuple[str, ...]) -> Array:
-    """Changes of P parameters, shape (N, P), with that of the whole delay, shape (N, P + 1)."""
+    """Changes of P parameters, shape (N, P), and of the whole delay, shape (N, P + 1)."""
     parts = [name in {"dead_time", "lag"} for name in names]
     return np.column_stack((changes, changes[:, parts].sum(axis=1)))
 
 
 def _change_by_filters(fit: AxisFit) -> Array:
-    """Changes where some of the lag is that of a filter of the positions, shape (N, P + 1).
+    """Changes where a part of the lag comes from a filter of the positions, shape (N, P + 1).
 
     Of N filters that explain the log as well as the best one of those tried, or none. A fit with a
     filter tau begins where mean and variance of the response to an impulse are those of the fit
@@ -164,7 +164,7 @@ def _change_by(fit: AxisFit, more: Array) -> Array:
 
 
 def find_clock_drift(fit: AxisFit) -> tuple[float, float]:
-    """By how much the clock of the positions is faster than that of the commands, and its error.
+    """Relative excess of the speed of the positions' clock over the commands', and its error.
 
     The dead time grows by it with the time in each recording; an offset of each recording's clock
     is fitted along. The error is the half-width of its interval.

@@ -116,9 +116,9 @@ def estimate(
     less parameters.
 
     A few windows know their scatter badly, and the width of an interval scatters with it. If the
-    residuals are white, all of their samples know it. So each variance is moderated towards that of
-    white residuals, and has more degrees of freedom (Smyth 2004, *Linear models and empirical Bayes
-    methods*, section 3).
+    residuals are white, all of their samples know it. So each variance is moderated towards the
+    variance of white residuals, and has more degrees of freedom (Smyth 2004, *Linear models and
+    empirical Bayes methods*, section 3).
 
     Args:
         value: The fit, shape (P,).

@@ -148,7 +148,7 @@ def _number_at_zero(role: str, text: str) -> float:
 def unit_factor(unit: str, si: str) -> float | None:
     """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none.
 
-    Of a time it may be the rate of what it counts, as ``100Hz``.
+    The unit of a time may be the rate of its counts, as ``100Hz``.
     """
     if (match := UNIT_WITH_FACTOR.fullmatch(unit)) is None:
         return None

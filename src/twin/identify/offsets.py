@@ -5,7 +5,7 @@ fit ends where it began. About the middle m of the commands, u = m + w,
 
     gain u + level = gain w + (level + gain m),
 
-and what a fit shows of the level at the middle is told at a command of zero afterwards.
+and the fitted level at the middle is converted to the level at a command of zero afterwards.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ def plain_parameter(name: str, unit: str, *, held: bool = True) -> IdentifiedPar
     Args:
         name: In ``PLAIN_PARAMETERS``, or ``delay``.
         unit: Unit of the tilt, of which the gain's unit is made.
-        held: Whether the tilt is a command; of a measured angle no experiment says to measure it.
+        held: Whether the tilt is a command; of a measured angle no experiment asks to measure it.
     """
     if name == "delay":
         return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag", floor=DELAY_FLOOR_S)
@@ -105,7 +105,7 @@ FITTED_SHARE = 0.67
 PARAMETER_CHOICES = (*DEFAULT_PARAMETERS, "viscous", "stribeck", "dwell", *HIDDEN_PARAMETERS)
 ALWAYS_FITTED = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether requested or not: a guess of one would bias the others."""
-LEVELS = ALWAYS_FITTED[-2:]
+LEVEL_PARAMETERS = ALWAYS_FITTED[-2:]
 """The level of each axis."""
 AT_REST = ("stribeck", "dwell")
 """Ageing of friction at rest: fitted as well if a log is not explained without."""
@@ -135,6 +135,6 @@ def choose_parameters(
 def fitted_parameters(names: tuple[str, ...], axes: int = 2) -> tuple[str, ...]:
     """The ball parameters that a fit for these has to find on a rig of so many axes."""
     return (
-        *(name for name in ALWAYS_FITTED if name not in LEVELS[axes:]),
+        *(name for name in ALWAYS_FITTED if name not in LEVEL_PARAMETERS[axes:]),
         *(name for name in BALL_PARAMETERS if name in names and name not in ALWAYS_FITTED),
     )

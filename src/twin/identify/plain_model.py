@@ -41,7 +41,7 @@ class AxisFit(Fit[AxisProblem]):
     Attributes:
         log: The fitted samples, without those that something else disturbed.
         sigma: The usual residual of windows in which the ball moves, m.
-        noise: That of the first fit, m.
+        noise: The usual residual of the first fit, m.
         pushed: Seconds left out.
         windowed: The fit to windows of one level, where this one predicts better.
         briefer: The fits to shorter windows, if there are enough.
@@ -206,7 +206,7 @@ def guess_from(look: FirstLook, problem: AxisProblem) -> Array:
 
     Args:
         look: At the log that is fitted.
-        problem: The fit, whose parameters are guessed.
+        problem: The fit with the parameters to guess.
     """
     seen = {"gain": look.gain * problem.tilt.scale, "dead_time": look.delay, "lag": 0.0}
     seen |= {"level": look.level, "friction": look.friction, "camber": look.camber}

@@ -1,4 +1,4 @@
-"""Likelihood profile of a parameter in which the cost has no slope, and what it makes uncertain."""
+"""Likelihood profile of a parameter in which the cost has no slope, and the resulting intervals."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def survey(
         path: A file of any format that is read.
         separator: Between columns of text; None to find it.
         content: The file's table or its text; None to read it.
-        typed: Words of the command line that was typed; by default that of ``identify``.
+        typed: Words of the command line that was typed; by default those of ``identify``.
 
     Raises:
         TwinError: If it cannot be read, or has no column of numbers.
@@ -280,7 +280,7 @@ def _describe_times(name: str, time: Array) -> list[str]:
 
 
 def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
-    """The column of each role whose name suggests it most clearly and whose numbers agree.
+    """The column of each role: its name suggests the role most clearly, and its numbers agree.
 
     A log with one position and one command is of one axis, whatever their names are.
     """

@@ -26,7 +26,7 @@ class Suspicion:
         unit_ratio: Largest ratio of a gain to the gain of a ball by which a unit is recognised.
         max_gain_half_width: Largest half-width of the interval of a gain by which a ball is named,
             as a share of the gain.
-        gain_tolerance: Share of a gain by which it may differ from that of a ball at least.
+        gain_tolerance: Share of a gain by which it may differ from the gain of a ball at least.
         exchanged_share: Share of the variance by which the other axis's command has to explain more
             than the axis's own.
     """
@@ -37,7 +37,7 @@ class Suspicion:
     exchanged_share: float = 0.3
 
 
-SUSPICION = Suspicion()
+SUSPICION_LIMITS = Suspicion()
 
 
 def describe_suspicions(
@@ -45,7 +45,7 @@ def describe_suspicions(
     units: Mapping[str, str],
     looks: Mapping[str, FirstLook | None],
     factor: float,
-    how: Suspicion = SUSPICION,
+    how: Suspicion = SUSPICION_LIMITS,
 ) -> Iterator[str]:
     """What is suspicious about a log, in sentences.
 
@@ -74,7 +74,7 @@ def describe_suspicions(
             )
 
 
-def are_axes_exchanged(logs: Mapping[str, AxisLog], how: Suspicion = SUSPICION) -> bool:
+def are_axes_exchanged(logs: Mapping[str, AxisLog], how: Suspicion = SUSPICION_LIMITS) -> bool:
     """Whether the ball follows along each axis the command of the other one, and not its own."""
     if set(logs) != set(AXIS_COLUMNS):
         return False

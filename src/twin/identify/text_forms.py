@@ -15,22 +15,22 @@ from itertools import islice
 from twin.identify.program_texts import COMMENT_MARKS, most_are, rows_of_program
 
 _CLOCK = r"(?P<clock>(?:\d{4}-\d\d-\d\d[ T])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?)(?:Z|[-+]\d\d:?\d\d)?"
-_LEVEL = r"(?:DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)"
-PREFIXES = tuple(
+_LOG_LEVEL = r"(?:DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)"
+LINE_PREFIXES = tuple(
     re.compile(rf"\s*{prefix}(?P<rest>.*)")
     for prefix in (
         rf"{_CLOCK}\s*-?>\s?",  # Arduino, PlatformIO
         rf"\[(?:\d+ )?{_CLOCK}\]:?\s*",  # Tera Term, also with the days since its start
-        rf"{_CLOCK}(?: -)?(?: [\w.]+ -)? \[?{_LEVEL}\]?:?(?: -)? (?:[\w.]+: )?",  # Python
+        rf"{_CLOCK}(?: -)?(?: [\w.]+ -)? \[?{_LOG_LEVEL}\]?:?(?: -)? (?:[\w.]+: )?",  # Python
         rf"{_CLOCK} +(?=[^\s;,|].*[;,\t])",  # CoolTerm
         rf"{_CLOCK} +(?=[A-Za-z_][\w.]*\s*[:=]\s*[-+.\d\[(])",  # Docker, before cells with names
         r"\[(?P<clock>\d\d:\d\d:\d\d\.\d{3},\d{3})\] <[a-z]+> [\w.]+: ",  # Zephyr
-        rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LEVEL}\]?:?(?: -)? "
+        rf"(?P<seconds>\d{{9,}}\.\d+) (?:- )?(?:[\w.]+ )?(?:- )?\[?{_LOG_LEVEL}\]?:?(?: -)? "
         r"(?:[\w.]+:? )?",
         r"[A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d \S+ [^\s:]+: ",  # syslog, whose times are whole s
-        rf"\[{_LEVEL}\] \[(?P<seconds>\d+\.\d+)\](?: \[[^\]]*\])?:? ",  # ROS
+        rf"\[{_LOG_LEVEL}\] \[(?P<seconds>\d+\.\d+)\](?: \[[^\]]*\])?:? ",  # ROS
         r"[DIWE] \((?P<millis>\d+)\) [\w.-]+: ",  # ESP32
-        rf"{_LEVEL}:[\w.]*:\s*",  # Python, without a clock
+        rf"{_LOG_LEVEL}:[\w.]*:\s*",  # Python, without a clock
     )
 )
 """What stands before the cells of a line: a clock, a level, a name."""
@@ -40,11 +40,11 @@ SEPARATE_UNIT = re.compile(
     r"(?<=\w)\s+(?=(?:\[[^\W\d]\S*\]|\([^\W\d]\S*\)|[\[(][°%][\])])(?:\s|$))"
 )
 """Blanks between a name and its unit in brackets."""
-BARRED = re.compile(r"\s*\|.*\|\s*")
+BARRED_ROW = re.compile(r"\s*\|.*\|\s*")
 """A row of a table drawn with bars."""
-RULE = re.compile(r"[-+|:=\s]*-[-+|:=\s]*")
+RULED_LINE = re.compile(r"[-+|:=\s]*-[-+|:=\s]*")
 """A line drawn in such a table."""
-LABELLED = re.compile(
+LABELLED_CELL = re.compile(
     r"[\s,;|]*[\"']?([A-Za-z_µ°][\w ./µ°\[\]()-]*?)[\"']?\s*[:=]\s*"
     r"(0x[\dA-Fa-f]+|[-+]?[\d.]+(?:[eE][-+]?\d+)?|[\[(][-+\d.eE,;\s]+[\])])"
     r"(?:\s*([mµu]?s|[mcµu]?m|m?rad|deg|°|px|m?V|%))?\s*(?=$|[\s,;|])"
@@ -52,9 +52,9 @@ LABELLED = re.compile(
 """A cell with its name before it, and a unit behind some; or several in brackets."""
 TERMINAL_CODE = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 """What colours or moves the text of a terminal."""
-SENTENCE = re.compile(r"\s*\$([^*]*)\*[0-9A-Fa-f]{2}\s*")
+CHECKED_SENTENCE = re.compile(r"\s*\$([^*]*)\*[0-9A-Fa-f]{2}\s*")
 """A line with a check sum, as of NMEA 0183."""
-WRAPPED = re.compile(r"\s*(?:b['\"])?[\[({<]?(.*?)[\])}>]?;?(?:(?:\\r)?(?:\\n)?['\"])?\s*")
+PRINTED_LIST = re.compile(r"\s*(?:b['\"])?[\[({<]?(.*?)[\])}>]?;?(?:(?:\\r)?(?:\\n)?['\"])?\s*")
 """A line as Python prints a list, a tuple or bytes."""
 
 
@@ -69,18 +69,20 @@ def plain_lines(text: str) -> list[str]:
         lines = [line for line in lines if not line.startswith(";")]
     if (rows := rows_of_program(lines)) is not None:
         return rows
-    for prefix in PREFIXES:
+    for prefix in LINE_PREFIXES:
         if most_are(lines, lambda line: prefix.fullmatch(line) is not None):  # noqa: B023
             lines = [_with_clock(line, prefix) for line in lines]
             break
-    if most_are(lines, lambda line: BARRED.fullmatch(line) is not None):
-        lines = [line.strip().strip("|") for line in lines if not RULE.fullmatch(line)]
-    if most_are(lines, lambda line: SENTENCE.fullmatch(line) is not None):
-        lines = [found[1] if (found := SENTENCE.fullmatch(line)) else line for line in lines]
-    if most_are(lines, lambda line: _labelled(line) is not None):
+    if most_are(lines, lambda line: BARRED_ROW.fullmatch(line) is not None):
+        lines = [line.strip().strip("|") for line in lines if not RULED_LINE.fullmatch(line)]
+    if most_are(lines, lambda line: CHECKED_SENTENCE.fullmatch(line) is not None):
+        lines = [
+            found[1] if (found := CHECKED_SENTENCE.fullmatch(line)) else line for line in lines
+        ]
+    if most_are(lines, lambda line: _split_labels(line) is not None):
         return _without_names(lines)
     if most_are(lines, _is_wrapped):
-        lines = [found[1] if (found := WRAPPED.fullmatch(line)) else line for line in lines]
+        lines = [found[1] if (found := PRINTED_LIST.fullmatch(line)) else line for line in lines]
     return _without_comments(lines)
 
 
@@ -101,7 +103,7 @@ def _with_clock(line: str, prefix: re.Pattern[str]) -> str:
     between = next((sign for sign in ";\t," if sign in rest), " ")
     if " " in clock and between == " ":
         rest, between = ";".join(rest.split()), ";"
-    if _labelled(rest) is not None:
+    if _split_labels(rest) is not None:
         try:
             return f"{RECEIVED_NAME}_s:{_seconds(clock)}{between}{rest}"
         except ValueError:  # a date that does not exist
@@ -124,10 +126,10 @@ def _seconds(clock: str) -> str:
     return f"{3600 * hours + 60 * minutes + seconds:.6f}"
 
 
-def _labelled(line: str) -> list[tuple[str, str]] | None:
+def _split_labels(line: str) -> list[tuple[str, str]] | None:
     """Names and numbers of a line that has nothing else; None of any other line."""
     found, at = [], 0
-    while (cell := LABELLED.match(line, at)) is not None:
+    while (cell := LABELLED_CELL.match(line, at)) is not None:
         name, value, unit = cell[1].strip(), cell[2], cell[3]
         ending = f" [{unit}]" if unit else ""
         if value[0] in "[(":
@@ -141,7 +143,7 @@ def _labelled(line: str) -> list[tuple[str, str]] | None:
 
 def _without_names(lines: list[str]) -> list[str]:
     """Lines of numbers behind a line of their names; a line without all of them is shorter."""
-    cells = [_labelled(line) or [] for line in lines]
+    cells = [_split_labels(line) or [] for line in lines]
     while not cells[0]:  # what a board says before it measures
         del cells[0]
     usual = Counter(tuple(name for name, _ in each) for each in cells if each).most_common(1)[0][0]

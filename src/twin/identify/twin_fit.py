@@ -24,7 +24,7 @@ from twin.identify.least_squares import (
     fit_starts_from_scratch,
     minimise,
 )
-from twin.identify.parameters import BALL_PARAMETERS, LEVELS
+from twin.identify.parameters import BALL_PARAMETERS, LEVEL_PARAMETERS
 from twin.identify.windows import LOOKBACK_S, Patches, Windows, replay, unknown_motion
 from twin.sim.plant.friction import Friction, SurfaceMap
 
@@ -139,7 +139,7 @@ class TwinProblem(FitProblem[Windows]):
             surfaces: The screens, one per candidate; None for even ones.
         """
         values = self.values(theta)
-        level = np.stack(np.broadcast_arrays(*(values[name] for name in LEVELS)))
+        level = np.stack(np.broadcast_arrays(*(values[name] for name in LEVEL_PARAMETERS)))
         friction = Friction(
             rolling=values["rolling"],
             breakaway_ratio=values["breakaway"],

@@ -15,7 +15,7 @@ from controllers.ballplate import time_constant
 from twin.base.errors import LogError, plural
 from twin.identify.least_squares import Fit
 from twin.identify.logs import Log, rig_of
-from twin.identify.parameters import AT_REST, FITTED_SHARE, LEVELS, fitted_parameters
+from twin.identify.parameters import AT_REST, FITTED_SHARE, LEVEL_PARAMETERS, fitted_parameters
 from twin.identify.plate_motion import check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
 from twin.identify.twin_fit import (
@@ -97,7 +97,7 @@ class TwinIdentification(Identification):
             for each in self.verdicts
             if each.word in words and each.value is not None
         }
-        pair = [known.pop(name, None) for name in LEVELS]
+        pair = [known.pop(name, None) for name in LEVEL_PARAMETERS]
         values = {
             each.about.key: f"{each.value:z.6g}  # {each.interval}, 95 %" for each in known.values()
         }

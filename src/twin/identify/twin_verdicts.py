@@ -13,7 +13,12 @@ from controllers.arrays import Array
 from controllers.ballplate import corner_frequency
 from twin.base.errors import plural
 from twin.identify.least_squares import START_PRIOR, Estimate, Fit
-from twin.identify.parameters import BALL_PARAMETERS, HIDDEN_PARAMETERS, LEVELS, SERVO_PARAMETER
+from twin.identify.parameters import (
+    BALL_PARAMETERS,
+    HIDDEN_PARAMETERS,
+    LEVEL_PARAMETERS,
+    SERVO_PARAMETER,
+)
 from twin.identify.plate_motion import Drives
 from twin.identify.twin_fit import TwinProblem
 from twin.identify.verdicts import (
@@ -141,7 +146,7 @@ def assess_parameters(
         elif name == "servo":
             found.append(_assess_servo(drives))
         else:
-            each_axis = LEVELS[: fit.problem.windows.axes] if name == "level" else (name,)
+            each_axis = LEVEL_PARAMETERS[: fit.problem.windows.axes] if name == "level" else (name,)
             found += [
                 _assess_ball(each, fit, ball, moved, rejected=left.rejected) for each in each_axis
             ]

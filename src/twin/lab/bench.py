@@ -45,7 +45,7 @@ from twin.lab.bench_scores import (
     interquartile,
     interval,
 )
-from twin.lab.schema import toml
+from twin.lab.handing_out import format_toml
 from twin.run.loop import simulate
 from twin.scenario.schema import MetricsTable, Scenario
 from twin.study.experiments import CHUNK_RUNS, Store, carry
@@ -418,7 +418,7 @@ class Benchmark:
         for name in filter(None, (entry.file, "README.md")):
             with suppress(DataError):  # a README may be missing, and a link is not followed
                 write_whole(folder / name, read_regular(place / name))
-        write_whole(folder / "entry.toml", toml(entry.model_dump()))
+        write_whole(folder / "entry.toml", format_toml(entry.model_dump()))
         write_whole(folder / "runs.parquet", lambda path: rows.to_parquet(path, index=False))
         write_whole(folder / "commands.npz", commands)
         scores = {"season": self.season, "scores": [each._asdict() for each in found]}

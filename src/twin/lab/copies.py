@@ -17,8 +17,10 @@ from keyword import iskeyword
 from typing import NamedTuple
 
 from twin.base.data_file import DataError, read_regular
+from twin.lab.deals import deal
 from twin.lab.handed_in import Submission
-from twin.lab.schema import Lab, deal, fill_answer
+from twin.lab.handing_out import fill_answer
+from twin.lab.schema import Lab
 from twin.lab.words import words
 
 LAYOUT_TOKENS = {

@@ -16,12 +16,13 @@ from twin.base.errors import ScenarioError, TwinError, printable, suggest
 from twin.base.jobs import results
 from twin.base.page import Verdict, html
 from twin.base.writing import write_whole
+from twin.lab.deals import reload_deal
 from twin.lab.handed_in import Submission
 from twin.lab.judge import Judge, Measured, Measurements, NotMeasuredError, judge_answer, source_of
 from twin.lab.pages import Drawing, draw_worst_check, student_page
 from twin.lab.result_files import format_result
 from twin.lab.result_texts import NOT_HANDED_IN, Result
-from twin.lab.schema import RUNS_MESSAGE, Lab, reload_deal
+from twin.lab.schema import RUNS_MESSAGE, Lab
 
 
 class Kept(NamedTuple):

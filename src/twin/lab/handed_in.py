@@ -20,7 +20,9 @@ from typing import NamedTuple
 
 from twin.base.data_file import DataError, read_regular
 from twin.base.errors import ScenarioError, printable, shorten
-from twin.lab.schema import RIG_FILE, AnswerTable, Lab, check_name
+from twin.lab.deals import RIG_FILE
+from twin.lab.handing_out import check_name
+from twin.lab.schema import AnswerTable, Lab
 
 MAX_COPIED_BYTES = 32 * 1024**2
 """Sum of the files of a submission that a lab's own function may read."""

@@ -26,12 +26,13 @@ from twin.base.errors import (
 from twin.base.parts import own_version
 from twin.base.shipped import shipped_in, shipped_scenarios
 from twin.base.validation import read_tables
+from twin.lab.deals import Deal, measured_columns
 from twin.lab.handed_in import copy_files, is_there, missing
 from twin.lab.process import ANSWER_NAME, AnswerProcess, OutOfTimeError, answering
-from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, load_function, measured_columns
+from twin.lab.schema import AnswerTable, CheckTable, Lab, load_function
 from twin.lab.words import words
-from twin.run.files import INDICATORS
 from twin.run.finished import Run, run
+from twin.run.indicators import INDICATORS
 from twin.run.tables import in_json
 from twin.scenario import Scenario
 from twin.study.schema import FamilyRig, Point, draw_rigs, read_family

@@ -12,8 +12,9 @@ from twin.base.page import render_template as rendered
 from twin.base.parts import own_version
 from twin.base.shipped import folder as shipped
 from twin.base.writing import write_folder, write_whole
+from twin.lab.handing_out import make_starter, write_notebook
 from twin.lab.result_files import LAB_TEMPLATE_FOLDER
-from twin.lab.schema import LAB_NAME_PATTERN, PRIVATE_FILES, Lab, starter, write_notebook
+from twin.lab.schema import LAB_NAME_PATTERN, PRIVATE_FILES, Lab
 
 KEY_FOLDER = "secret"
 """Folder of the course's key in a pack, closed to others than its owner."""
@@ -40,7 +41,7 @@ def begin(name: str, folder: Path, like: Lab | None = None) -> None:
         for file in filter(Path.is_file, start.rglob("*.*")):
             text = file.read_text(encoding="utf-8").replace("NAME", name)
             write_whole(inner / file.relative_to(start), text.replace("TITLE", words))
-        write_whole(inner / "answer.py", starter((inner / "solution.py").read_text("utf-8")))
+        write_whole(inner / "answer.py", make_starter((inner / "solution.py").read_text("utf-8")))
 
     def copy(inner: Path) -> None:
         assert like is not None

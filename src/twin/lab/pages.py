@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from twin.base.errors import printable
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html, inline
+from twin.lab.handing_out import MAX_NAME_BYTES
 from twin.lab.judge import Judge
 from twin.lab.result_texts import (
     CHECK_ENDINGS,
@@ -24,7 +25,7 @@ from twin.lab.result_texts import (
     summary,
     table,
 )
-from twin.lab.schema import MAX_NAME_BYTES, Lab
+from twin.lab.schema import Lab
 from twin.lab.words import words
 
 HISTOGRAM_BINS = 10

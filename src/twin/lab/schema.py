@@ -1,35 +1,22 @@
-"""A lab's files, checked: answer, checks and variants; and the rig of every student."""
+"""A lab's files, checked: its answer, its checks and the rigs of its students."""
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import hmac
-import io
-import json
-import re
-import unicodedata
 from collections.abc import Callable, Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from runpy import run_path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from controllers.arrays import Array
 from controllers.catalog import EXECUTION_LOG
-from twin.base.errors import ScenarioError, nearest, printable, shorten
-from twin.base.foreign import decode_text
+from twin.base.errors import ScenarioError, nearest, shorten
 from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
-from twin.base.writing import why, write_folder, write_whole
-from twin.lab.words import words
-from twin.run.files import MOTION_INDICATORS, export, nearest_indicator
-from twin.run.finished import run
-from twin.scenario import Scenario
-from twin.study.schema import Family, Point, draw_rigs, read_family
-from twin.study.work import Builder
+from twin.base.writing import why
+from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
+from twin.study.schema import Family, read_family
 
 LAB_SCHEMA = "ballplate/lab/v1"
 Language = Literal["en", "de"]
@@ -46,8 +33,6 @@ MAX_CHECK_RUNS = 256
 """Largest number of runs of a check."""
 PRIVATE_FILES = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md", "*key.txt")
 """Files of a lab's folder that no student receives."""
-MAX_NAME_BYTES = 200
-"""Length of a student's name in UTF-8; the files of a result have it and a few more letters."""
 
 
 class AnswerTable(Checked):
@@ -402,278 +387,3 @@ def load_function(file: Path, function: str) -> Callable[..., Any]:
     if not callable(call):
         raise ScenarioError(f"{file.name}: must define a function {function}")
     return call
-
-
-RIG_FILE = "rig.toml"
-"""File of a student's rig."""
-LOG_FILE = "log.csv"
-"""File of the log of that rig."""
-PRACTICE_KEY = "practice"
-"""Key of a course without one."""
-_FILLED_LINE_PATTERN = re.compile(
-    r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)[ \t]*$", re.MULTILINE
-)
-"""A line ``NAME = 0.18  # told: KEY`` of an answer."""
-
-
-class HandedRig(Checked):
-    """The file ``rig.toml`` that a student receives."""
-
-    lab: str
-    version: int
-    student: str
-    code: str
-    practice: bool
-    told: Mapping[str, float | str] = Field({})
-
-
-class Deal(NamedTuple):
-    """The rig of one student.
-
-    Attributes:
-        student: The student.
-        code: Its code, unique in the course; printed on the sheet.
-        point: Its values: dotted key to value.
-        known: The values that the student knows.
-        seed: Seed of its noise.
-        true: Whether the hidden values are those of the course, not values for practice.
-    """
-
-    student: str
-    code: str
-    point: Point
-    known: Point
-    seed: int
-    true: bool = True
-
-
-def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None) -> Deal:
-    """The rig of a student.
-
-    HMAC-SHA256 of the course's key over lab, version and student, once for the known values and
-    once for the hidden ones. The code without the key gives the known values, and hidden values for
-    practice.
-
-    Args:
-        lab: The lab.
-        student: Their name or number.
-        key: The key of the course.
-        code: The code of the student's sheet, used without the key.
-    """
-    name = f"{lab.name} {lab.version} {student}"
-    secret = (PRACTICE_KEY if key is None else key).encode()
-    digests = [
-        hmac.new(secret, f"{name} {part}".encode(), hashlib.sha256).hexdigest()[:16]
-        for part in ("told", "hidden")
-    ]
-    if key is None and code is not None:
-        digests = [code, hashlib.sha256(code.encode()).hexdigest()[:16]]
-    own, hidden = digests
-    if lab.family is None or lab.variant is None:
-        return Deal(student, own, {}, {}, int(hidden, 16) % 2**31)
-    open_, closed = (draw_rigs(lab.family, int(each, 16), 1)[0] for each in digests)
-    known = {key: open_.point[key] for key in lab.variant.told}
-    return Deal(student, own, closed.point | known, known, closed.seed)
-
-
-def reload_deal(lab: Lab, folder: Path, key: str | None, student: str | None = None) -> Deal:
-    """The rig of a folder's answer: by its ``rig.toml``, or by the student's name.
-
-    The rig of ``lab start``, to practise on, has the name that the student typed: any will do as
-    long as there is no key. With one, it is passed over where a lab hands out neither values nor a
-    log of a rig, as the answer then cannot depend on it.
-
-    Raises:
-        ScenarioError: If the file has a different lab, version, student or key, or is of a rig to
-            practise on where the course's own is needed.
-    """
-    try:
-        (folder / RIG_FILE).lstat()
-    except OSError:
-        return deal(lab, student or "nobody", key)
-    handed = read_model(HandedRig, folder / RIG_FILE, regular=True)
-    for what, must in {"lab": lab.name, "version": lab.version}.items():
-        if (has := getattr(handed, what)) != must:
-            raise ScenarioError(f"{RIG_FILE}: {what}: is {has!r}, must be {must!r}")
-    if handed.practice and key is not None:
-        if lab.variant is not None and (lab.variant.told or lab.variant.log):
-            raise ScenarioError(
-                f"{RIG_FILE}: practice: is of the rig that `lab start` makes to practise on; the "
-                "answer must be made for the rig that the course hands out"
-            )
-        return deal(lab, student or handed.student, key)
-    if student and handed.student != student and not handed.practice:
-        raise ScenarioError(
-            f"{RIG_FILE}: student: is {handed.student!r}, must be {student!r}; if they are one, "
-            f"the class (--class) must have the name of {handed.student} in its second column"
-        )
-    own_key = PRACTICE_KEY if handed.practice and key is None else key
-    found = deal(lab, handed.student, own_key, handed.code)
-    if found.code != handed.code:
-        raise ScenarioError(
-            f"{RIG_FILE}: code: the course's key draws a different rig for {handed.student}; "
-            "is it the key of this course?"
-        )
-    return found._replace(true=handed.practice or key is not None)
-
-
-def students(path: Path) -> dict[str, str]:
-    """The students of a class and their names, which may be empty.
-
-    They are the first and the second column of a CSV file below its heading.
-
-    Spreadsheets write it with commas, semicolons or tabs, in UTF-8, UTF-16 or Windows' encoding.
-
-    Raises:
-        ScenarioError: If it cannot be read, names nobody, or somebody twice.
-    """
-    try:
-        text = decode_text(path.read_bytes())
-        between = max(",;\t", key=text.partition("\n")[0].count)
-        table = csv.reader(io.StringIO(text, newline=""), delimiter=between)
-        cells = [[*row, ""][:2] for row in table if row and row[0].strip()][1:]
-        rows = [unicodedata.normalize("NFC", cell[0].strip()) for cell in cells]
-    except (OSError, csv.Error) as error:
-        raise ScenarioError(f"{path}: cannot be read: {why(error)}") from None
-    twice = next((name for name in rows if rows.count(name) > 1), None)
-    if not rows or twice:
-        what = f"two students are called '{twice}'" if twice else "names nobody below its heading"
-        raise ScenarioError(f"{path}: {what}")
-    for name in rows:
-        check_name(name)
-    return {row: printable(cell[1].strip()) for row, cell in zip(rows, cells, strict=True)}
-
-
-def check_name(student: str) -> None:
-    """Make sure that a student's name is valid for a folder, and for the files made for it.
-
-    Raises:
-        ScenarioError: If not.
-    """
-    letters = re.fullmatch(r"[\w@+-][\w.@+-]{0,99}", student)
-    if not letters or len(student.encode()) > MAX_NAME_BYTES:
-        raise ScenarioError(
-            f"student '{shorten(printable(student))}': the name has up to 100 letters, digits "
-            f"and .@+-_, {MAX_NAME_BYTES} bytes in UTF-8"
-        )
-
-
-def hand_out(
-    lab: Lab, places: Mapping[str, str], key: str | None, folder: Path, *, notebook: bool = False
-) -> None:
-    """Write the files with which students begin: sheet, starter, rig, log.
-
-    Args:
-        lab: The lab.
-        places: Students, and their folders within the new one, ``.`` for itself.
-        key: The key of the course; without one the rigs are for practice.
-        folder: The new folder; must not exist.
-        notebook: Whether to write a notebook of sheet, starter and check as well.
-
-    Raises:
-        TwinError: If a file of the lab cannot be read, or one not be written, or a log not be run.
-    """
-    answer, say = lab.answer.file, words(lab.language)
-    sheet, template = lab.sheet.rstrip(), lab.text(answer)
-
-    def fill(inner: Path) -> None:
-        for student, place in places.items():
-            dealt, own = deal(lab, student, key), inner / place
-            rig = {"lab": lab.name, "version": lab.version, "student": student}
-            rig |= {"code": dealt.code, "practice": key is None}
-            known = toml({json.dumps(each): value for each, value in dealt.known.items()})
-            write_whole(own / RIG_FILE, f"{toml(rig)}[told]\n{known}")
-            listed = "".join(f"- `{each}` = {value}\n" for each, value in dealt.known.items())
-            heading = say("your_rig", student=student, code=dealt.code)
-            text = f"{sheet}\n\n## {heading}\n\n{listed}"
-            filled = fill_answer(template, dealt.known)
-            write_whole(own / "task.md", text)
-            write_whole(own / answer, filled)
-            if notebook:
-                write_notebook(lab, own, text, filled)
-            record(lab, dealt, own / LOG_FILE)
-
-    for student in places:
-        check_name(student)
-    write_folder(folder, fill)
-
-
-def write_notebook(lab: Lab, folder: Path, sheet: str, answer: str) -> None:
-    """Write a Jupyter notebook of a sheet, a starter and the check of the lab into a folder.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
-    from twin.base.page import render_template  # noqa: PLC0415  with jinja, for a notebook only
-
-    template = Path(__file__).with_name("templates") / "folder" / "notebook.ipynb.j2"
-    text = render_template(template, lab=lab, sheet=sheet, answer=answer)
-    text = json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
-    write_whole(folder / f"{lab.name}.ipynb", text)
-
-
-def toml(values: Mapping[str, Any]) -> str:
-    """Numbers, texts and lists of them by key, dotted or not, as TOML."""
-    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
-
-
-def starter(solution: str) -> str:
-    """The starter that is made from a solution.
-
-    Lines between ``# BEGIN SOLUTION`` and ``# END SOLUTION`` are removed; of those between
-    ``# BEGIN STARTER`` and ``# END STARTER`` the comment signs are.
-    """
-    given = re.sub(MARKED_LINES_PATTERN.format("SOLUTION"), "", solution)
-    sign = r"(?m)^( *)# ?"
-    return re.sub(
-        MARKED_LINES_PATTERN.format("STARTER"), lambda found: re.sub(sign, r"\1", found[1]), given
-    )
-
-
-MARKED_LINES_PATTERN = r"(?ms)^ *# BEGIN {0}$\n(.*?)^ *# END {0}$\n"
-"""Lines between two marks, with the word of the marks to be filled in."""
-
-
-def fill_answer(text: str, known: Mapping[str, Any]) -> str:
-    """An answer's text with the known values in its lines marked ``# told: KEY``."""
-
-    def line(found: re.Match[str]) -> str:
-        begin, _, mark, key = found.groups()
-        return f"{begin}{known[key]!r}{mark}{key}" if key in known else found.group()
-
-    return _FILLED_LINE_PATTERN.sub(line, text)
-
-
-def record(lab: Lab, dealt: Deal, path: Path) -> None:
-    """Write the log of a student's rig, if the lab has one: all columns but the truth.
-
-    Raises:
-        TwinError: If its scenario cannot be run.
-    """
-    variant = lab.variant
-    file, _, function = (variant.log if variant else "").partition(":")
-    if function:
-        load_function(lab.folder / file, function)(dealt.point, path.parent)
-    elif variant is not None and file and lab.family is not None:
-        fixed = (*variant.set, f"seed={dealt.seed}")
-        relative = [key for key, each in lab.family.parameters.items() if each.relative]
-        scenario = Builder(lab.path(variant.log))(fixed, dealt.point, relative)
-        export(path, *measured_columns(scenario.model_dump_json()))
-
-
-@lru_cache(maxsize=4)
-def measured_columns(scenario: str) -> tuple[dict[str, Array], Mapping[str, str]]:
-    """Columns of a run that a rig's own computer has before any observer: by name, and units.
-
-    Args:
-        scenario: The scenario in JSON.
-    """
-    done = run(Scenario.model_validate_json(scenario))
-    rows = {
-        name: values for name, values in done.rows.items() if name.startswith(SEEN_COLUMN_PREFIXES)
-    }
-    return rows, done.units
-
-
-SEEN_COLUMN_PREFIXES = ("time", "measured_", "requested_", "applied_", "age", "touched")
-"""Beginnings of the columns that a rig's own computer has, before any observer."""

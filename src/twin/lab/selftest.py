@@ -16,19 +16,10 @@ import numpy as np
 from twin.base.errors import ScenarioError, plural
 from twin.base.jobs import results
 from twin.base.page import percent
+from twin.lab.deals import LOG_FILE, Deal, deal, write_log
+from twin.lab.handing_out import fill_answer, format_toml, make_starter
 from twin.lab.judge import judge_answer
-from twin.lab.schema import (
-    LOG_FILE,
-    CheckTable,
-    Deal,
-    Lab,
-    deal,
-    fill_answer,
-    load_function,
-    record,
-    starter,
-    toml,
-)
+from twin.lab.schema import CheckTable, Lab, load_function
 from twin.run.tables import flat
 
 FAILS_PATTERN = re.compile(r"^\s*# fails: (.+?)\s*$", re.MULTILINE)
@@ -113,7 +104,7 @@ def prepare_answer(lab: Lab, file: Path, dealt: Deal, folder: Path) -> Path:
     """An answer for a student's rig, as the student would hand it in, next to their log."""
     answer = folder / lab.answer.file
     if lab.answer.data and file.suffix == ".py":
-        text = toml(flat(load_function(file, "answer")(dealt.point, folder)))
+        text = format_toml(flat(load_function(file, "answer")(dealt.point, folder)))
     else:
         text = fill_answer(file.read_text(encoding="utf-8"), dealt.known)
     answer.write_text(text, encoding="utf-8")
@@ -126,7 +117,7 @@ def try_answer(lab: Lab, key: str, job: tuple[Path, str]) -> dict[str, Any]:
     dealt = deal(lab, student, key)
     with TemporaryDirectory(prefix="ballplate-lab-") as name:
         folder = Path(name)
-        record(lab, dealt, folder / LOG_FILE)
+        write_log(lab, dealt, folder / LOG_FILE)
         return judge_answer(lab, dealt, prepare_answer(lab, file, dealt, folder), hidden=True)
 
 
@@ -150,7 +141,7 @@ def selftest(lab: Lab, processes: int, test: SelfTest = SELF_TEST) -> Iterator[F
         ScenarioError: If its solution or a mutant cannot be tried.
     """
     if not lab.answer.data:
-        same = starter(lab.text(candidates(lab)[0].file.name)) == lab.text(lab.answer.file)
+        same = make_starter(lab.text(candidates(lab)[0].file.name)) == lab.text(lab.answer.file)
         yield Finding(
             "the starter is made from the solution",
             same,

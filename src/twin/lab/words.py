@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.base.data_file import read_toml
-from twin.run.files import INDICATORS
+from twin.run.indicators import INDICATORS
 
 WORD_TABLES: dict[str, dict[str, Any]] = read_toml(Path(__file__).with_name("words.toml"))
 LANGUAGES = tuple(WORD_TABLES)

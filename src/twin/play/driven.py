@@ -13,7 +13,8 @@ from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Law, Measurement, Reference
 from controllers.per_rig import SampledReference
-from controllers.references import ALONG_X, AlongX, Setpoints
+from controllers.references import ALONG_X, AlongX
+from controllers.setpoints import Setpoints
 from twin.base.errors import ScenarioError
 from twin.hal.rig import Entry
 from twin.run.assemble import assemble
@@ -24,7 +25,9 @@ from twin.run.record import Recorder
 from twin.run.rig_changes import RigChanges
 from twin.run.state import Snapshot
 from twin.scenario.changing import at_time
-from twin.scenario.load import check, clean, put
+from twin.scenario.derived import clean
+from twin.scenario.load import check
+from twin.scenario.merging import put
 from twin.scenario.schema import (
     CONTROL_TABLES,
     JUMP_KEYS,

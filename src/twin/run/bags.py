@@ -18,7 +18,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.base.parts import extra
-from twin.run.files import ROS2_TABLES, ros_field
+from twin.run.exporters import ROS2_TABLES, ros_field
 from twin.run.readers import MAX_MATRIX_COLUMNS, ForeignTable
 from twin.run.record import MOST_ROWS
 

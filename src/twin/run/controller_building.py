@@ -63,7 +63,7 @@ def line_of(error: BaseException) -> str:
     if isinstance(error, IndexError) and line:
         line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
     if isinstance(error, FrozenInstanceError) and line:
-        line += " (many rigs share one law: what it remembers is its `memory`, see memory_rate)"
+        line += " (many rigs share one law: its state is `memory`, see memory_rate)"
     if sys.flags.dev_mode or not line:
         return ""
     return ", ".join((line, *getattr(error, "__notes__", ())))

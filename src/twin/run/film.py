@@ -30,8 +30,8 @@ from controllers.arrays import Array
 from twin.base.errors import RecordError
 from twin.base.writing import write_whole
 from twin.hal.interface import SCREEN_SIZE_M
-from twin.run.files import LOST_ENDINGS
 from twin.run.finished import Run
+from twin.run.indicators import LOST_ENDINGS
 from twin.run.picture import RC_PARAMETERS, RUN_COLOURS, literal
 
 DESIGN_WIDTH = 600

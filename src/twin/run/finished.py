@@ -27,7 +27,10 @@ from twin.base.parts import left_out, own_version
 from twin.base.writing import remove, write_json, write_whole
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
-from twin.run import assemble, controller_building, files
+from twin.run import assemble, controller_building
+from twin.run.exporters import Signals
+from twin.run.files import RUN_FILES
+from twin.run.indicators import BOARD_INDICATORS, INDICATOR_UNITS
 from twin.run.loop import drive, refuse_faults
 from twin.run.metrics import INTERRUPTED_REASON, Motion, Outcome, against_python, find_rest, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, of_axes, write_run
@@ -58,7 +61,7 @@ class RecordedReference(Reference):
 
 
 @dataclass(eq=False, repr=False)
-class Run(files.Signals):
+class Run(Signals):
     """A finished run of one rig: a mapping from column to values, and the figures of the run.
 
     Attributes:
@@ -193,8 +196,8 @@ class Run(files.Signals):
         driven = {"driven": self.driven} if made and self.driven else {}
         numbers = {"scenario": self.scenario.title, **self.metrics, **made}
         lacks = {"incomplete": list(self.incomplete)} if self.incomplete else {}
-        absent = set(files.BOARD_INDICATORS) - numbers.keys()
-        units = {k: unit for k, unit in files.INDICATOR_UNITS.items() if k not in absent}
+        absent = set(BOARD_INDICATORS) - numbers.keys()
+        units = {k: unit for k, unit in INDICATOR_UNITS.items() if k not in absent}
         return numbers | {"units": units, **self.account, **driven, **lacks}
 
     @cached_property
@@ -392,7 +395,7 @@ def save_record(run: Run, folder: Path) -> None:
     # no file is better than the one of the run before
     for name in ("metrics.json", "picture.png"):
         remove(folder / name)
-    with left_out(folder / files.RUN_FILES[0]):
+    with left_out(folder / RUN_FILES[0]):
         record_run(run, folder)
     write_json(folder / "metrics.json", run.summary())
 

@@ -19,7 +19,8 @@ from twin.base.errors import LogError, one_line, plural, shorten
 from twin.base.foreign import decode_text
 from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M
 from twin.hal.supervisor import State
-from twin.run.files import METADATA_KEY, is_record
+from twin.run.exporters import METADATA_KEY
+from twin.run.files import is_record
 from twin.run.finished import Run
 from twin.run.foreign_logs import foreign_table, refuse_foreign
 from twin.run.metrics import Ending, Motion, Outcome

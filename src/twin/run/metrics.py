@@ -15,7 +15,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.hal.supervisor import State
-from twin.run.files import LOST_ENDINGS, MOTION_INDICATORS
+from twin.run.indicators import LOST_ENDINGS, MOTION_INDICATORS
 from twin.run.record import Recorder
 
 

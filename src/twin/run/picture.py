@@ -352,8 +352,9 @@ def _draw(panels: Mapping[str, Axes], runs: Mapping[str, Motion], plate: Dimensi
     """Draw runs into the panels."""
     _outline(panels["plate"], plate)
     for name, between in zip("xy", plate.rim, strict=True):
-        for side in (-500, 500) if between else ():
-            panels[name].axhline(side * (between - 2 * plate.ball), **WALL_STYLE)
+        if between:
+            for side in (-500, 500):
+                panels[name].axhline(side * (between - 2 * plate.ball), **WALL_STYLE)
     # seen last at the edge of the screen: it left the plate
     lost = [
         bool((plate.within(m.ball[-1], EDGE_DISTANCE_M) != m.ball[-1]).any()) for m in runs.values()
@@ -489,8 +490,9 @@ def _label(panels: Mapping[str, Axes], plate: Dimensions) -> None:
     for name, about in tables.items():
         panels[name].set(**about["words"])
     error.set(ylim=(0, max(1.05 * top, LEAST_ERROR)))
-    for name in ("x", "angle") if plate.axes == 2 else ():
-        panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
+    if plate.axes == 2:
+        for name in ("x", "angle"):
+            panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
     for name, least in ((name, about.get("least", 0.0)) for name, about in tables.items()):
         low, high = map(float, panels[name].get_ylim())
         if high - low < least:

@@ -24,7 +24,7 @@ from twin.base.data_file import DataError, parse_json
 from twin.base.errors import LogError
 from twin.base.finalisers import quiet_finalisers
 from twin.base.parts import extra
-from twin.run.files import JSON_VARIABLE, METADATA_KEY
+from twin.run.exporters import JSON_VARIABLE, METADATA_KEY
 from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
 from twin.run.units import is_unit
 

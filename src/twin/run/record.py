@@ -27,7 +27,8 @@ from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import RecordError, one_line, plural
 from twin.base.shipped import nearest_neighbour
 from twin.base.writing import remove, write_whole
-from twin.run.files import METADATA_KEY, RECORD_SUFFIXES, STREAM_FILE, arrow_fields
+from twin.run.exporters import METADATA_KEY, arrow_fields
+from twin.run.files import RECORD_SUFFIXES, STREAM_FILE
 from twin.scenario.schema import CATALOG_TABLES, MOST_PERIODS, Scenario, choices, with_settings
 
 if TYPE_CHECKING:

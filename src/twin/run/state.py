@@ -124,11 +124,12 @@ def restore(thing: Any, node: InPlace) -> None:
             thing.bit_generator.state = content
         elif kind == "own":
             thing.restore_state(deepcopy(content))
-        for name, child in content if kind in {"object", "inner"} else ():
-            if isinstance(child, InPlace):
-                restore(getattr(thing, name) if kind == "object" else thing[name], child)
-            else:
-                setattr(thing, name, _like(getattr(thing, name, None), deepcopy(child)))
+        elif kind in {"object", "inner"}:
+            for name, child in content:
+                if isinstance(child, InPlace):
+                    restore(getattr(thing, name) if kind == "object" else thing[name], child)
+                else:
+                    setattr(thing, name, _like(getattr(thing, name, None), deepcopy(child)))
     except SnapshotError:  # of something within
         raise
     except (AttributeError, LookupError, TypeError, ValueError) as error:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from twin.base.page import Table, digits
-from twin.run.files import BOARD_INDICATORS, INDICATORS
+from twin.run.indicators import BOARD_INDICATORS, INDICATORS
 
 if TYPE_CHECKING:
     from twin.run.finished import Run

@@ -69,8 +69,10 @@ def problem_of_changes(scenario: Scenario) -> str:
 
 def _ramp_problem(scenario: Scenario, change: Change) -> str:
     """Why no ramp leads from the old values to the new ones; empty if one does."""
+    if not change.over:
+        return ""
     before = at_time(scenario, change.at - 2 * TIME_TOLERANCE_S)
-    for key in map("plant.servo.{}".format, NONE_AT_ZERO if change.over else ()):
+    for key in map("plant.servo.{}".format, NONE_AT_ZERO):
         if key in change.set and not (change.set[key] and value_of(before, key)):
             return f"{key}: 0 stands for none, so no ramp leads there; leave out over"
     return ""

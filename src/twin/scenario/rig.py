@@ -23,7 +23,8 @@ from twin.devices.common import wider
 from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, Found, Role, find_kind
 from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own_config import OwnConfig
-from twin.scenario.load import Tables, validate
+from twin.scenario.load import validate
+from twin.scenario.merging import Tables
 from twin.scenario.rig_tables import CAMS_DEG, RigLimitsTable, Section
 from twin.scenario.schema import Scenario
 

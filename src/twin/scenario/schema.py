@@ -215,8 +215,8 @@ class ControllerChoice(Choice):
     """A law, how often it is evaluated, and for which ball it is designed."""
 
     period: Positive | None = None
-    """Control period of the law in s, a multiple of rig.period: its command is held between; that
-    of the rig if none is given."""
+    """Control period of the law in s, a multiple of rig.period: its command is held between;
+    none: the rig's period."""
     computing_time: NotNegative | Literal["measured"] = 0.0
     """How long a command is computed in s, or "measured" for its time on this computer. A command
     that takes longer than rig.period is applied that many periods later; the one before is held
@@ -376,8 +376,8 @@ class Scenario(Section):
                 f"rig.limits.area: its corners must lie on the round plate of radius {x / 2:g} m, "
                 f"as those of [{most * area[0]:.3g}, {most * area[1]:.3g}] do"
             )
-        for key in ("sensors.touch.rotation_deg", "rig.cam_coupling_percent") if one else ():
-            if value_of(self, key):
+        for key in ("sensors.touch.rotation_deg", "rig.cam_coupling_percent"):
+            if one and value_of(self, key):
                 yield f"{key}: must be 0 with plant.axes = 1, which has no second axis"
         if self.metrics.start >= self.duration:
             yield (
@@ -392,8 +392,8 @@ class Scenario(Section):
         yield from filter(None, (each.problem(math.radians(most)) for each in (linkage, table)))
         if table.given and linkage.given:
             yield "plant.linkage: a table has no lengths next to it; leave out either"
-        for key in CAMS_ONLY if linkage.given else ():
-            if value_of(self, key) is not None:
+        for key in CAMS_ONLY:
+            if linkage.given and value_of(self, key) is not None:
                 yield f"{key}: {REGISTER[key].followed_by.rods}"
         if servos and self.rig.cams == "per_axis":
             yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"

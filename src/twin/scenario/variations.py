@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.base.data_file import DataError, parse_toml
 from twin.base.errors import ScenarioError
-from twin.scenario.load import setting
+from twin.scenario.merging import setting
 
 MAX_RANGE_VALUES = 1000
 """Values that a range may have."""

@@ -23,7 +23,8 @@ from twin.identify.windows import Windows
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.scenario.load import check, load_recorded, put, read, resolve, setting
+from twin.scenario.load import check, load_recorded, read, resolve
+from twin.scenario.merging import put, setting
 from twin.scenario.schema import Scenario
 from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction

@@ -14,7 +14,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
-from twin.identify.parameters import LEVELS
+from twin.identify.parameters import LEVEL_PARAMETERS
 from twin.identify.windows import Windows
 from twin.shadow.alarms import Before
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, CAUSE_SIZES, WATCHED_PARAMETERS, Belief
@@ -91,7 +91,7 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
         gap = sum(share * width for share, width in zip(at.values(), PLAY_WIDTHS_RAD, strict=True))
         return f"{np.degrees(gap):+.2f} deg"
     parts = []
-    absent = LEVELS[belief.scenario.plant.axes :]
+    absent = LEVEL_PARAMETERS[belief.scenario.plant.axes :]
     for parameter, value in at.items():
         if parameter in absent:
             continue

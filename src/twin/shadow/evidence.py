@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask
 from twin.identify.least_squares import Linearisation, fit_starts
 from twin.identify.logs import Log
-from twin.identify.parameters import LEVELS
+from twin.identify.parameters import LEVEL_PARAMETERS
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.windows import (
     LOOKBACK_S,
@@ -363,7 +363,7 @@ def _expand(windows: Windows, belief: Belief, theta: Array) -> Evidence:
     gained = 2 * log_evidence(information, score, prior)
     gained += np.linalg.slogdet(np.eye(len(BALL_BELIEFS)) + information @ prior)[1]
     # a rig of one axis has half a start, and one level
-    unknowns = 2 * windows.axes + len(BALL_BELIEFS) - len(LEVELS[windows.axes :])
+    unknowns = 2 * windows.axes + len(BALL_BELIEFS) - len(LEVEL_PARAMETERS[windows.axes :])
     left = (squares - gained) / np.maximum(windows.size - unknowns, 1)
     left = np.maximum(left, 1.0)
     parts = {"height": height, "stopping": stopping, "dispersion": left}

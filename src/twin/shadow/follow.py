@@ -116,7 +116,7 @@ class Shadow:
 
     @property
     def foreign(self) -> bool:
-        """Whether the twin does not even follow the reference log: it is that of another rig."""
+        """Whether the twin does not even follow the reference log: it is of a different rig."""
         return self.reference_score is not None and self.reference_score > MAX_REFERENCE_SCORE
 
     @property

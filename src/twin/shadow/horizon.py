@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from controllers.observers.friction import gaussian_field
+from controllers.observers.friction_map import gaussian_field
 from twin.identify.least_squares import START_DIFFERENCES, START_PRIOR, fit_starts
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.prepare import ROLL_SPEED_M_S, PreparedLog, Segment, speed

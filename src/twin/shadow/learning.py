@@ -25,10 +25,11 @@ from controllers.arrays import Array
 from twin.base.data_file import read_toml
 from twin.identify.logs import Log
 from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
-from twin.identify.parameters import LEVELS
+from twin.identify.parameters import LEVEL_PARAMETERS
 from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, interpolate, prepare
 from twin.identify.windows import unknown_motion
-from twin.scenario.load import check, put
+from twin.scenario.load import check
+from twin.scenario.merging import put
 from twin.shadow.belief import BALL_BELIEFS, BELIEF_TABLES, OPEN_STD, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
     NO_EVIDENCE,
@@ -41,7 +42,7 @@ from twin.shadow.evidence import (
 )
 from twin.shadow.plate import PLAY_WIDTHS_RAD, plate_evidence
 
-DEG = float(np.degrees(1.0))
+DEG_PER_RAD = float(np.degrees(1.0))
 """Degrees in a radian."""
 LEARNING_S = 20.0
 """Seconds from which a twin learns."""
@@ -62,7 +63,7 @@ differ beyond these (rolling relative, the noise as a logarithm, else SI), of ea
 TRACK_STEP_S = 0.04
 """Seconds between two places of a ball's track, by which motions are compared."""
 MAX_REFERENCE_SCORE = 2.5
-"""Median score of replays of a reference log above which its twin is not that of the rig: six rigs
+"""Median score of replays of a reference log above which its twin is of a different rig: six rigs
 of the family ``uncertain`` have 1.2 to 1.7, three other rigs under the thesis's twin 3.5 to 29."""
 SAME_MOTION_SHARE = 0.3
 """Distance of two tracks, in sizes of the motion, below which the motion is the same."""
@@ -82,7 +83,11 @@ PARAMETER_LABELS = {
 """Parameters that are compared, in words."""
 SHOWN_LIMITS = ("rolling", "delay", "level_phi", "gain")
 """Parameters of which the smallest change that would be seen is reported."""
-SHOWN_VALUES = {"rolling": (1e3, "mm"), "level_phi": (DEG, "deg"), "level_theta": (DEG, "deg")}
+SHOWN_VALUES = {
+    "rolling": (1e3, "mm"),
+    "level_phi": (DEG_PER_RAD, "deg"),
+    "level_theta": (DEG_PER_RAD, "deg"),
+}
 """Parameters of which the values are shown, not only the change: factor to their unit, unit."""
 
 
@@ -130,7 +135,7 @@ def _on_screen(belief: Belief, percent: float) -> Belief:
 def fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, float]:
     """The twin put where a log puts it, and the logarithm of how likely that makes the log.
 
-    ``constant`` of the new twin is that of the old one and the fit's standard deviation together.
+    ``constant`` of the new twin is the old one's, with the fit's standard deviation added.
     """
     likelihood, covariance = 0.0, belief.uncertainty
     for _ in range(EXPANSION_ROUNDS):
@@ -157,7 +162,9 @@ def fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, f
 def taught(before: Belief, after: Belief) -> str:
     """Describe what a twin has learned, in a sentence."""
     old, new = before.values, after.values
-    levels = np.degrees([new[name] - old[name] for name in LEVELS[: after.scenario.plant.axes]])
+    levels = np.degrees(
+        [new[name] - old[name] for name in LEVEL_PARAMETERS[: after.scenario.plant.axes]]
+    )
     level = " and ".join(f"{each:+.2f}" for each in levels)
     return (
         f"The first {LEARNING_S:g} s moved the twin to this log (rolling "
@@ -349,7 +356,7 @@ def compare_with_reference(
     old, new = _compared_values(belief), _compared_values(found)
     differences = []
     for name in COMPARED_PARAMETERS:
-        if name in LEVELS[belief.scenario.plant.axes :]:
+        if name in LEVEL_PARAMETERS[belief.scenario.plant.axes :]:
             continue
         at = WATCHED_PARAMETERS.index(name)
         unit = old[name] if name == "rolling" else 1.0

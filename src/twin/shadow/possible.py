@@ -46,8 +46,8 @@ def log_possible(
 ) -> Array:
     """What a prior without its impossible part adds to ``log_evidence``, shape (...).
 
-    The integral of the likelihood over N(m, V) truncated to w'd >= l is that over N(m, V), times
-    the share of the posterior N(p, S) that is possible, over that of the prior:
+    The integral of the likelihood over N(m, V) truncated to w'd >= l is the integral over N(m, V),
+    times the possible share of the posterior N(p, S) over the possible share of the prior:
     ln Phi((w'p - l) / sqrt(w'S w)) - ln Phi((w'm - l) / sqrt(w'V w)).
 
     Args:

@@ -1,4 +1,4 @@
-"""The twin of a rig from a log of it while it was well, by which other logs are judged."""
+"""The twin of a rig from a log of it while it was well: the reference for other logs."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _with_shown_ball(found: AxisIdentification) -> AxisIdentification:
         return found
     near = _balls_with(shares)
     if len(near) != 1:
-        note = "the gain is neither that of a solid nor that of a hollow ball; give --ball"
+        note = "the gain fits neither a solid nor a hollow ball; give --ball"
         return replace(found, notes=(*found.notes, note))
     ((name, factor),) = near
     if factor == found.factor:
@@ -222,7 +222,7 @@ def learn_reference(
         on: Rig, or file of parameters, that what is found is to lie over; empty for the rig of the
             log's run.
         ball: Of a log that is no run: hollow, solid, or the share of gravity that accelerates it;
-            None for that of ``on``, or of a log of any rig without it for the one that it shows.
+            None for the ball of ``on``; without ``on``, for the ball that a log of any rig shows.
         progress: Called with the share of the work done.
 
     Raises:
@@ -319,7 +319,7 @@ def examine_by_reference(
         columns: Of logs of any rig, as ``identify`` takes them.
         separator: Between these.
         ball: Of logs that are no runs: hollow, solid, or the share of gravity that accelerates it;
-            None for that of the stated rig, or without one for the one that the reference shows.
+            None for the ball of the stated rig; without one, for the ball that the reference shows.
         stage: Shows a stage of the work by its name while it lasts; gives what is called with the
             share of it that is done.
 

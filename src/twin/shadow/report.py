@@ -235,7 +235,7 @@ def sentences(found: Shadow) -> list[str]:
         )
     if found.verdict == "healthy":
         words += indistinguishable(found)
-    words += _compared(found)
+    words += _describe_comparison(found)
     words += [found.taught] if found.taught and found.verdict != "cannot tell" else []
     if not found.foreign:
         words += [f"Reality has left the model. Alarm at {each.words}." for each in found.alarms]
@@ -256,7 +256,7 @@ def sentences(found: Shadow) -> list[str]:
     return words
 
 
-def _compared(found: Shadow) -> list[str]:
+def _describe_comparison(found: Shadow) -> list[str]:
     """How the beginning of a log compares with its reference, in a sentence; none without one."""
     if not found.differences:
         return []
@@ -273,7 +273,7 @@ def _compared(found: Shadow) -> list[str]:
     ]
     if not any(each.same_motion for each in found.differences):
         words.append(
-            "Their motion is not that of the reference; the same motion shows smaller differences "
+            "Their motion differs from the reference; the same motion shows smaller differences "
             "of the dead time."
         )
     return words
@@ -403,7 +403,7 @@ def examine(
         columns: Of a log of any rig, as ``identify`` takes them.
         separator: Between these.
         ball: Of a log that is no run: hollow, solid, or the share of gravity that accelerates it;
-            None for that of the overrides' rig.
+            None for the ball of the overrides' rig.
         learning: Whether the twin learns what is not known of the rig before it evaluates; it does
             of one given by identified parameters, and on a log of any rig.
 

@@ -26,7 +26,7 @@ from twin.base.errors import RecordError, ScenarioError, TwinError, one_line, pl
 from twin.base.jobs import JOBS_PER_PROCESS, cores, handed_out, pool, results
 from twin.base.parts import extra
 from twin.base.writing import write_whole
-from twin.run.files import MOTION_INDICATORS
+from twin.run.indicators import MOTION_INDICATORS
 from twin.run.record import unreadable_errors
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
 
@@ -184,9 +184,11 @@ class Store:
         self._chunks.append(table)
 
     def __str__(self) -> str:
-        """What of them is had again, for who ends a command."""
+        """The number of runs that the same command need not repeat, for a person who ends it."""
         kept = 0 if self.folder is None else sum(chunk.num_rows for chunk in self._chunks)
-        return f"runs kept: {kept or 'none'}{'; the same command goes on from there' * bool(kept)}"
+        return (
+            f"runs kept: {kept}; the same command goes on from there" if kept else "runs kept: none"
+        )
 
     def rows(self, keys: Sequence[str]) -> pa.Table:
         """The runs with these keys, in their order; those that are not finished are left out."""

@@ -26,7 +26,7 @@ from scipy import stats
 from controllers.arrays import Array
 
 Numbers = NDArray[np.integer]
-CONFIDENCE = 0.95
+CONFIDENCE_LEVEL = 0.95
 
 
 class Estimate(NamedTuple):
@@ -103,7 +103,7 @@ def _slope(x: Array, y: Array) -> float:
 def _interval(value: float, variance: float, freedom: float) -> Estimate:
     if not freedom or math.isnan(variance):
         return Estimate(value, -math.inf, math.inf)
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(variance)
+    half = float(stats.t.ppf(0.5 + CONFIDENCE_LEVEL / 2, freedom)) * math.sqrt(variance)
     return Estimate(value, value - half, value + half)
 
 

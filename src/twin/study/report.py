@@ -21,8 +21,8 @@ from twin.base.data_file import read_toml
 from twin.base.errors import plural
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.base.writing import write_whole
-from twin.run.files import INDICATOR_UNITS
 from twin.run.finished import versions
+from twin.run.indicators import INDICATOR_UNITS
 from twin.run.picture import literal, style, styled_figure
 from twin.run.tables import INDICATOR_LABELS
 from twin.study.answers import NEGLIGIBLE_INDEX, Answer, Curve, SensitivityIndex, Spread
@@ -340,12 +340,12 @@ def what_ran(work: Work) -> str:
     study = work.study
     steps = " and ".join(f"{1000 * step:g}" for step in sorted(work.steps))
     seeds, variants = study.seeds, len(study.compared)
+    alike = "Every variant had the same points and the same noise. " if variants > 1 else ""
     return (
         f"Scenario {study.scenario} ({', '.join(study.set) or 'as it is'}), method {study.method}: "
         f"{plural(len(work.design), 'point')}, {plural(seeds, 'seed')}, "
         f"{plural(variants, 'variant')}, {plural(len(work.tasks), 'run')}. "
-        f"{'Every variant had the same points and the same noise. ' * (variants > 1)}"
-        f"Physics step {steps} ms; docs/performance.md has the error of 2 ms."
+        f"{alike}Physics step {steps} ms; docs/performance.md has the error of 2 ms."
         f"{ENGINE_SENTENCES[study.engine]}"
     )
 

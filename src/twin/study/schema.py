@@ -14,7 +14,7 @@ from controllers.arrays import Array
 from twin.base.errors import ScenarioError
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_model, check_named_once, read_model
-from twin.run.files import MOTION_INDICATORS, nearest_indicator
+from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
 
 
 class Parameter(Checked):
@@ -272,7 +272,7 @@ def read(name: str | Mapping[str, Any], **given: Any) -> Study:
     stepped = any(each.continuous for each in found.parameters.values())
     if given.get("samples") and found.method == "grid" and not stepped:
         raise ScenarioError(
-            f"{source}: samples: has no effect on a grid of values, whose runs are all of them; "
+            f"{source}: samples: has no effect on a grid of values, which runs all of them; "
             "leave it out, or set seeds"
         )
     return found

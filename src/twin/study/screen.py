@@ -36,7 +36,7 @@ from twin.study.fidelity import (
 from twin.study.schema import Engine, place_of
 from twin.study.work import Work, points, sobol_designs
 
-EXACT = "plant.kind=lagrange"
+EXACT_PLANT = "plant.kind=lagrange"
 """What puts a run on the exact equations."""
 MAX_TIMES = 1000
 """Largest number of points on the exact equations for each on the mechanism."""
@@ -163,7 +163,7 @@ class Screen:
             )
         if study.method not in SCREENED_METHODS:
             raise ScenarioError(
-                f"screen: method must be {' or '.join(SCREENED_METHODS)}, whose points are drawn "
+                f"screen: method must be {' or '.join(SCREENED_METHODS)}, which draw points "
                 f"independently, got {study.method}"
             )
         for task in work.first_of_each_variant:
@@ -181,9 +181,10 @@ class Screen:
         exact = study.model_copy(
             update={
                 "engine": engine,
-                "set": (*study.set, EXACT),
+                "set": (*study.set, EXACT_PLANT),
                 "variants": tuple(
-                    each.model_copy(update={"set": (*each.set, EXACT)}) for each in study.variants
+                    each.model_copy(update={"set": (*each.set, EXACT_PLANT)})
+                    for each in study.variants
                 ),
             }
         )

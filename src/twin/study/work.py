@@ -25,12 +25,13 @@ from controllers.catalog import left_alone, outside
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import model_path
 from twin.run.controller_building import build_controller, own_errors
-from twin.run.files import MOTION_INDICATORS
+from twin.run.indicators import MOTION_INDICATORS
 from twin.run.loop import alike, simulate
 from twin.run.metrics import Ending
 from twin.scenario import Scenario
-from twin.scenario.load import check, resolve, setting, validate
+from twin.scenario.load import check, resolve, validate
 from twin.scenario.load import read as read_tables
+from twin.scenario.merging import setting
 from twin.scenario.schema import CATALOG_TABLES, at_study_step, checked_settings, choices
 from twin.study.schema import Point, Study, column, place_of
 
@@ -500,9 +501,9 @@ def sources() -> list[Path]:
 
 
 RUN_MODULES = (
-    *("assemble", "controller_building", "loop", "metrics"),
+    *("assemble", "controller_building", "indicators", "loop", "metrics"),
     *("plants", "record", "rig_changes"),
 )
 """Modules of the room ``run`` that a run of a study executes."""
-SCENARIO_MODULES = ("changing", "load", "rig_tables", "schema")
+SCENARIO_MODULES = ("changing", "load", "merging", "rig_tables", "schema", "titles")
 """The same of the room ``scenario``."""

@@ -14,7 +14,7 @@ import numpy as np
 from controllers.analysis import number
 from twin.run.finished import run
 from twin.study.experiments import Store
-from twin.thesis.chapter8 import THESIS_COLUMNS, read_stored
+from twin.thesis.columns import THESIS_COLUMNS, read_stored
 from twin.tune.cells import FitTable, Runs, Sample, read
 
 SETTLING_TIME_S = 3.0

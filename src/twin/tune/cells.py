@@ -15,8 +15,8 @@ from controllers.arrays import Array
 from twin.base.errors import LawError, nearest, plural
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model
-from twin.run.files import INDICATOR_UNITS as ALL_UNITS
-from twin.run.files import MOTION_INDICATORS, nearest_indicator
+from twin.run.indicators import INDICATOR_UNITS as ALL_UNITS
+from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
 from twin.run.units import UNIT_SCALES
 from twin.scenario import Scenario
 from twin.study.experiments import Store, evaluate

@@ -322,11 +322,11 @@ def fit(
     ]
     found = misfits(numbers, drawn, runs)
     groups = np.array([cell.group for cell in numbers])
-    folds = {
-        group: groups != group
-        for group in (table.groups if leave_out and len(table.groups) > 1 else ())
-        if (groups != group).sum() >= size
-    }
+    folds: dict[str, Mask] = {}
+    if leave_out and len(table.groups) > 1:
+        folds = {
+            group: groups != group for group in table.groups if (groups != group).sum() >= size
+        }
     steps = table.restarts + len(folds)
 
     def ahead(kept: Mask, place: int = 0) -> Sample:

@@ -12,7 +12,7 @@ from twin.base.page import Block, Code, Table, Text, Verdict, digits, percent
 from twin.base.writing import write_json, write_whole
 from twin.run.controller_building import build_law
 from twin.run.tables import INDICATOR_LABELS, flat
-from twin.scenario.load import setting
+from twin.scenario.merging import setting
 from twin.scenario.schema import CONTROL_TABLES
 from twin.study.schema import Point, place_of
 from twin.tune.search import BOUND_CONFIDENCE, TuneResult

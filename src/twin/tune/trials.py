@@ -20,9 +20,9 @@ from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.run.controller_building import build_controller, own_errors
-from twin.run.files import MOTION_INDICATORS, nearest_indicator
+from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
 from twin.scenario import Scenario, load
-from twin.scenario.load import setting
+from twin.scenario.merging import setting
 from twin.scenario.schema import at_study_step
 from twin.study.experiments import Store, evaluate
 from twin.study.schema import FamilyRig, Parameter, Point, draw_rigs, read_family

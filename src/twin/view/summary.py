@@ -259,7 +259,8 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     nothing = (NO_LIMIT_TEXT, NO_PLATE_LIMIT_TEXT)
     limits = [words for words in limits if not words.startswith(nothing)]
     limits += _describe_held(run, found, MAIN_HELD_SHARE if limits else MIN_HELD_SHARE)
-    return f"{_size(run, found, clean)}{': ' * bool(limits)}{'; '.join(limits)}."
+    size = _size(run, found, clean)
+    return f"{size}: {'; '.join(limits)}." if limits else f"{size}."
 
 
 def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:

@@ -26,7 +26,8 @@ from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.opened import open_run
 from twin.run.record import Recorder
-from twin.scenario.load import check, load, put, setting, split_settings
+from twin.scenario.load import check, load
+from twin.scenario.merging import put, setting, split_settings
 from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, Scenario, choices
 from twin.whatif.moments import (
     SYNCHRONISATION,

@@ -6,8 +6,8 @@ from stepped import SteppedDrives, refused
 
 from twin.base.errors import RigError
 from twin.devices.akd import conditions as c
-from twin.devices.akd.bringup import Network, absent
 from twin.devices.akd.config import AkdConfig, AxisConfig
+from twin.devices.akd.remote import Network, absent
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.power_stage import Power

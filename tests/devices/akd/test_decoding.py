@@ -32,7 +32,7 @@ def frame(at, identifier, data="", **more):
     )
 
 
-def said(*heard, names=None, rig=None):
+def decode(*heard, names=None, rig=None):
     return Conversation(heard, names, rig)
 
 
@@ -75,7 +75,7 @@ def talk():
 
 def test_what_canopen_reads_and_writes_is_told_with_the_names_of_its_eds(talk):
     heard, got, _ = talk
-    told = texts(said(*heard, names=Names(EDS)), "SDO")
+    told = texts(decode(*heard, names=Names(EDS)), "SDO")
     assert got == [0x20192, "axis with a long name", -77]
     assert told[:4] == [
         "reads 1000h Device type of somebody of node 5: CiA 402 (20192h)",
@@ -87,7 +87,7 @@ def test_what_canopen_reads_and_writes_is_told_with_the_names_of_its_eds(talk):
 
 def test_a_refusal_is_told_by_the_code_that_canopen_got(talk):
     heard, _, code = talk
-    told = said(*heard, names=Names(EDS))
+    told = decode(*heard, names=Names(EDS))
     assert f"reads 2302h of node 5: refused, code {code:08X}h, no such object" in texts(told, "SDO")
     assert told.nodes[5].transfers == {"reads": 3, "writes": 2, "refused": 1}
     assert texts(told, "EMCY") == ["2310h continuous over current 46 33"]
@@ -155,7 +155,7 @@ MAPPING = [
 
 
 def test_a_pdo_is_decoded_by_the_mapping_that_the_trace_shows():
-    told = said(*MAPPING, frame(0.1, 0x3C5, "370200 08 00 00"), frame(0.2, 0x3C5, "3702fffbffff"))
+    told = decode(*MAPPING, frame(0.1, 0x3C5, "370200 08 00 00"), frame(0.2, 0x3C5, "3702fffbffff"))
     assert texts(told, "PDO") == ["6041h Status word: operation enabled (0237h)"]
     counts = told.series[5, (0x6064, 0)].counts
     assert list(counts) == [2048, -1025]
@@ -169,7 +169,7 @@ def test_a_pdo_is_decoded_by_the_mapping_that_the_trace_shows():
 
 
 def test_a_mapping_of_absurdly_many_objects_is_read_as_far_as_subindices_go():
-    told = said(frame(0.0, 0x605, "23001a00ffffffff"), frame(0.001, 0x585, "60001a0000000000"))
+    told = decode(frame(0.0, 0x605, "23001a00ffffffff"), frame(0.001, 0x585, "60001a0000000000"))
     assert len(told.summary()["pdos"]["185h"]["entries"]) == 0xFF
 
 
@@ -178,33 +178,33 @@ def test_a_fifth_pdo_has_no_identifier_but_the_one_it_is_given():
     for each in fifth:
         if each.data[2] in {0x1A, 0x18}:
             each.data[1] = 4
-    told = said(*fifth, frame(0.1, 0x3C5, "370200080000"), names=Names(EDS))
+    told = decode(*fifth, frame(0.1, 0x3C5, "370200080000"), names=Names(EDS))
     assert told.summary()["pdos"]["3C5h"]["name"] == "TPDO5"
     assert list(told.series[5, (0x6064, 0)].counts) == [2048]
-    assert list(said(*fifth[:8]).summary()["pdos"]) == []
+    assert list(decode(*fifth[:8]).summary()["pdos"]) == []
 
 
 def test_without_a_mapping_the_rig_file_then_the_eds_then_the_standard_count():
     rig = AkdConfig(axes=(AxisConfig(name="phi", node=5), AxisConfig(name="theta", node=2)))
     long, short, two = (frame(0.1, 0x185, data) for data in ("37020301000000", "3702ffff", "3702"))
     names = Names(EDS)
-    assert list(said(long, names=names, rig=rig).series[5, (0x6064, 0)].counts) == [1]
-    assert list(said(short, names=names).series[5, (0x2300, 0)].counts) == [-1]
-    assert list(said(two, names=names).series) == []
-    assert list(said(two).series) == [(5, (0x6041, 0))]
-    assert "4 bytes 37 02 ff ff, 16 bits are known" in texts(said(short), "PDO")[0]
+    assert list(decode(long, names=names, rig=rig).series[5, (0x6064, 0)].counts) == [1]
+    assert list(decode(short, names=names).series[5, (0x2300, 0)].counts) == [-1]
+    assert list(decode(two, names=names).series) == []
+    assert list(decode(two).series) == [(5, (0x6041, 0))]
+    assert "4 bytes 37 02 ff ff, 16 bits are known" in texts(decode(short), "PDO")[0]
 
 
 def test_only_changes_of_what_a_pdo_means_are_told():
     ready, target = "3102", "3106"  # bit 10, target reached, is no other state
-    told = said(*(frame(0.1 * k, 0x185, data) for k, data in enumerate([ready, target, ready])))
+    told = decode(*(frame(0.1 * k, 0x185, data) for k, data in enumerate([ready, target, ready])))
     assert len(texts(told, "PDO")) == 1
 
 
 def test_gaps_and_ends_of_what_comes_regularly_are_told():
     sync = [frame(0.002 * k, 0x080) for k in range(500) if not 200 < k < 205]
     beats = [frame(0.02 * k, 0x701, "05") for k in range(26)]
-    told = said(*sorted(sync + beats, key=lambda each: each.timestamp))
+    told = decode(*sorted(sync + beats, key=lambda each: each.timestamp))
     assert texts(told, "gap") == [
         "no SYNC for 10 ms (usually every 2 ms)",
         "no heartbeat of node 1 from here on (usually every 20 ms)",
@@ -224,14 +224,14 @@ def test_a_pdo_that_is_missing_with_its_sync_is_no_gap_of_its_own():
         if not 200 < k < 205:
             heard.append(frame(0.002 * k, 0x080))
             heard += [frame(0.002 * k + 0.001, 0x181, "3702")] if k != 300 else []
-    assert texts(said(*heard), "gap") == [
+    assert texts(decode(*heard), "gap") == [
         "no SYNC for 10 ms (usually every 2 ms)",
         "no TPDO1 of node 1 for 4 ms (usually every 2 ms)",
     ]
 
 
 def test_a_request_that_nobody_answers_is_told():
-    told = said(frame(0, 0x605, "4041600000000000"), frame(1, 0x605, "4064600000000000"))
+    told = decode(frame(0, 0x605, "4041600000000000"), frame(1, 0x605, "4064600000000000"))
     assert texts(told, "SDO") == [
         "reads 6041h Status word of node 5: no answer",
         "reads 6064h Position actual of node 5: no answer",
@@ -241,13 +241,13 @@ def test_a_request_that_nobody_answers_is_told():
 def test_where_no_size_is_told_a_value_is_as_long_as_its_object():
     written = [frame(0, 0x605, "224060000600ffff"), frame(1, 0x585, "6040600000000000")]
     read = [frame(2, 0x605, "4040600000000000"), frame(3, 0x585, "424060000600ffff")]
-    assert texts(said(*written, *read), "SDO") == [
+    assert texts(decode(*written, *read), "SDO") == [
         "writes 6040h Control word to node 5: shutdown (0006h); read back"
     ]
 
 
 def test_what_is_no_service_of_canopen_is_counted():
-    told = said(frame(0, 0x10A, "00"), frame(1, 0x10A), frame(2, 0x7E5, "00"))
+    told = decode(frame(0, 0x10A, "00"), frame(1, 0x10A), frame(2, 0x7E5, "00"))
     assert told.summary()["strangers"] == {"10Ah": 2, "7E5h": 1}
 
 
@@ -315,15 +315,15 @@ def numbers(index, sub, value):
 
 def test_objects_of_a_vendor_have_an_akds_names_only_in_an_akd():
     fault = reads(5, 0x2001, 1, "0500")
-    told = said(vendor(5, 0x6A), *fault)
+    told = decode(vendor(5, 0x6A), *fault)
     assert texts(told, "SDO")[-1] == "reads 2001h:1 Fault number 1 of node 5: F5"
     assert told.nodes[5].faults
     rig = AkdConfig(axes=(AxisConfig(name="phi", node=5), AxisConfig(name="theta", node=2)))
-    assert said(*fault, rig=rig).nodes[5].faults
-    for other in (said(vendor(5, 0xFB), *fault), said(*fault)):
+    assert decode(*fault, rig=rig).nodes[5].faults
+    for other in (decode(vendor(5, 0xFB), *fault), decode(*fault)):
         assert texts(other, "SDO")[-1] == "reads 2001h:1 of node 5: 5"
         assert not other.nodes[5].faults
-    later = said(*reads(5, 0x36E5, 0, "05000000"), vendor(5, 0x6A))
+    later = decode(*reads(5, 0x36E5, 0, "05000000"), vendor(5, 0x6A))
     assert texts(later, "SDO")[0] == "reads 36E5h Fieldbus parameter 1 of node 5: 5"
 
 
@@ -334,7 +334,7 @@ SCALES = [
 
 
 def test_a_position_is_an_angle_of_the_driven_shaft_by_feed_gear_and_encoder():
-    told = said(*SCALES, *numbers(0x6064, 0, 3600))
+    told = decode(*SCALES, *numbers(0x6064, 0, 3600))
     assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 6.28319 rad"
     factor, unit = told.objects.scale(5, (0x6063, 0))  # in increments of the encoder, at the motor
     assert (factor, unit) == (pytest.approx(2 * math.pi / (1 << 20)), "rad")
@@ -344,12 +344,12 @@ def test_a_position_is_an_angle_of_the_driven_shaft_by_feed_gear_and_encoder():
 def test_without_one_of_them_it_stays_counts(lost):
     frames = list(SCALES)
     del frames[lost]
-    told = said(*frames, *numbers(0x6064, 0, 3600))
+    told = decode(*frames, *numbers(0x6064, 0, 3600))
     assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 3600"
 
 
 def test_a_zero_among_them_is_no_scale():
-    told = said(*SCALES, *numbers(0x6092, 2, 0), *numbers(0x6064, 0, 3600))
+    told = decode(*SCALES, *numbers(0x6092, 2, 0), *numbers(0x6064, 0, 3600))
     assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 3600"
 
 
@@ -362,7 +362,7 @@ def second_axis(status):
 
 
 def test_a_second_axis_is_an_axis_of_its_own():
-    told = said(*second_axis("3702"), frame(0.4, 0x185, "3702"))
+    told = decode(*second_axis("3702"), frame(0.4, 0x185, "3702"))
     assert told.nodes[5].drive == ["operation enabled"]
     assert told.nodes[5].axes == {2: ["operation enabled", "fault"]}
     assert [each["text"] for each in told.nodes[5].faults] == [
@@ -372,7 +372,7 @@ def test_a_second_axis_is_an_axis_of_its_own():
         told, "PDO"
     )
     assert list(told.series[5, (0x686C, 0)].counts) == [-100, 0]
-    third = said(*reads(5, 0x7060, 0, "fd"), *reads(5, 0x7061, 0, "09"))
+    third = decode(*reads(5, 0x7060, 0, "fd"), *reads(5, 0x7061, 0, "09"))
     assert texts(third, "SDO") == [
         "reads 7060h Mode of operation of axis 3 of node 5: mode -3",
         "reads 7061h Mode display of axis 3 of node 5: cyclic synchronous velocity",
@@ -385,7 +385,7 @@ def test_the_scale_of_a_second_axis_is_its_own():
         data = bytearray(each.data)
         data[2] += 8
         moved.append(frame(each.timestamp, each.arbitration_id, data.hex()))
-    told = said(*moved)
+    told = decode(*moved)
     assert told.objects.scale(5, (0x6864, 0)) == (pytest.approx(2 * math.pi / 3600), "rad")
     assert told.objects.scale(5, (0x6064, 0)) == (1.0, "")
 
@@ -405,29 +405,31 @@ def test_the_scale_of_a_second_axis_is_its_own():
 )
 def test_an_emergency_has_the_words_of_the_standard(code, words):
     data = f"{code}010000000000"
-    assert texts(said(frame(0.0, 0x085, data)), "EMCY") == [words]
+    assert texts(decode(frame(0.0, 0x085, data)), "EMCY") == [words]
 
 
 def test_an_akd_keeps_its_own_words_for_its_codes():
-    told = said(vendor(5, 0x6A), frame(0.1, 0x085, "3031010000000000"))
+    told = decode(vendor(5, 0x6A), frame(0.1, 0x085, "3031010000000000"))
     assert texts(told, "EMCY") == ["3130h bus capacitor overload"]
 
 
 def test_an_error_code_that_is_read_has_words():
-    assert texts(said(*reads(5, 0x603F, 0, "2171")), "SDO") == [
+    assert texts(decode(*reads(5, 0x603F, 0, "2171")), "SDO") == [
         "reads 603Fh Error code of node 5: 7121h motor blocked"
     ]
 
 
 def test_status_bits_that_a_drive_does_not_serve_are_left_alone():
-    assert texts(said(frame(0.0, 0x185, "0800")), "PDO") == ["6041h Status word: fault (0008h)"]
-    served = said(*(frame(0.1 * k, 0x185, data) for k, data in enumerate(("3102", "2102", "2100"))))
+    assert texts(decode(frame(0.0, 0x185, "0800")), "PDO") == ["6041h Status word: fault (0008h)"]
+    served = decode(
+        *(frame(0.1 * k, 0x185, data) for k, data in enumerate(("3102", "2102", "2100")))
+    )
     assert texts(served, "PDO") == [
         "6041h Status word: ready to switch on (0231h)",
         "6041h Status word: ready to switch on, no main voltage (0221h)",
         "6041h Status word: ready to switch on, no main voltage, not under remote control (0021h)",
     ]
-    akd = said(vendor(5, 0x6A), frame(0.1, 0x185, "0800"))
+    akd = decode(vendor(5, 0x6A), frame(0.1, 0x185, "0800"))
     assert texts(akd, "PDO") == [
         "6041h Status word: fault, no main voltage, not under remote control (0008h)"
     ]
@@ -450,7 +452,7 @@ def test_status_bits_that_a_drive_does_not_serve_are_left_alone():
     ],
 )
 def test_bits_of_the_status_word_are_those_of_the_mode(mode, status, words):
-    told = said(
+    told = decode(
         *reads(5, 0x6061, 0, f"{mode:02x}"),
         *reads(5, 0x6041, 0, status.to_bytes(2, "little").hex()),
     )
@@ -462,7 +464,7 @@ def test_bits_of_the_status_word_are_those_of_the_mode(mode, status, words):
 def test_a_cyclic_mode_that_does_not_follow_says_so_once_it_was_seen_to_follow():
     cst = reads(5, 0x6061, 0, "0a")
     frames = (frame(0.2 + 0.1 * k, 0x185, data) for k, data in enumerate(("3712", "3702", "3102")))
-    assert texts(said(*cst, *frames), "PDO") == [
+    assert texts(decode(*cst, *frames), "PDO") == [
         "6041h Status word: operation enabled (1237h)",
         "6041h Status word: operation enabled, does not follow the command (0237h)",
         "6041h Status word: ready to switch on (0231h)",
@@ -471,7 +473,7 @@ def test_a_cyclic_mode_that_does_not_follow_says_so_once_it_was_seen_to_follow()
 
 def test_speed_0_and_target_reached_come_and_go_without_an_event():
     words = (frame(0.2 + 0.1 * k, 0x185, data) for k, data in enumerate(("3702", "3716", "3702")))
-    assert len(texts(said(*reads(5, 0x6061, 0, "03"), *words), "PDO")) == 1
+    assert len(texts(decode(*reads(5, 0x6061, 0, "03"), *words), "PDO")) == 1
 
 
 @pytest.mark.parametrize(
@@ -489,7 +491,7 @@ def test_speed_0_and_target_reached_come_and_go_without_an_event():
 )
 def test_bits_of_the_control_word_are_those_of_the_mode(mode, control, words):
     assert protocol.control_words(control, mode) == words
-    second = said(
+    second = decode(
         *reads(5, 0x6861, 0, f"{mode:02x}"),
         *reads(5, 0x6840, 0, control.to_bytes(2, "little").hex()),
     )
@@ -499,7 +501,7 @@ def test_bits_of_the_control_word_are_those_of_the_mode(mode, control, words):
 
 
 def test_a_device_without_a_standard_profile_may_be_a_drive():
-    told = said(*reads(5, 0x1000, 0, "00000000"), *reads(5, 0x6041, 0, "3702"))
+    told = decode(*reads(5, 0x1000, 0, "00000000"), *reads(5, 0x6041, 0, "3702"))
     assert told.nodes[5].drive == ["operation enabled"]
 
 
@@ -527,13 +529,13 @@ def test_a_value_is_decoded_by_the_type_of_its_object(tmp_path, key, data, words
         f"[{0x2310 + k:x}]\nParameterName=a\nDataType={kind}\n" for k, kind in enumerate(types)
     )
     (tmp_path / "a.eds").write_text(text)
-    told = texts(said(*reads(5, key, 0, data), names=Names(tmp_path / "a.eds")), "SDO")
+    told = texts(decode(*reads(5, key, 0, data), names=Names(tmp_path / "a.eds")), "SDO")
     assert told[0].rpartition(": ")[2] == words
 
 
 def test_a_mode_that_is_sent_wider_than_it_is_keeps_its_sign():
     for data in ("fd", "fd000000", "fdffffff"):
-        assert texts(said(*reads(5, 0x6061, 0, data)), "SDO") == [
+        assert texts(decode(*reads(5, 0x6061, 0, data)), "SDO") == [
             "reads 6061h Mode display of node 5: mode -3"
         ]
 
@@ -549,11 +551,11 @@ def shared(first, second):
 
 def test_a_pdo_from_one_device_to_another_is_the_senders():
     beat = frame(0.0, 0x701, "05")
-    told = said(beat, *shared("81010000", "181"))
+    told = decode(beat, *shared("81010000", "181"))
     assert told.pdos[0x181].name == "TPDO1"
     assert told.nodes[1].frames["PDO"] == 1
     assert list(told.series[5, (0x60FF, 0)].counts) == [-100]
-    alone = said(*shared("81010000", "181"))  # there is no node 1: the host sends it
+    alone = decode(*shared("81010000", "181"))  # there is no node 1: the host sends it
     assert alone.pdos[0x181][:2] == (5, "RPDO1")
 
 
@@ -562,19 +564,19 @@ def test_one_pdo_of_the_host_to_two_drives_is_for_both():
     for each in to_both[:6]:
         each.arbitration_id += 1
     frames = [each for each in to_both if each.arbitration_id]
-    told = said(*frames, frame(0.3, 0x301, "9cffffff"))
+    told = decode(*frames, frame(0.3, 0x301, "9cffffff"))
     assert list(told.series[5, (0x60FF, 0)].counts) == [-100]
     assert list(told.series[6, (0x60FF, 0)].counts) == [-100]
 
 
 def test_an_identifier_that_a_pdo_has_left_is_its_no_more():
-    told = said(*MAPPING, frame(0.1, 0x3C5, "370200080000"), frame(0.2, 0x185, "370200080000"))
+    told = decode(*MAPPING, frame(0.1, 0x3C5, "370200080000"), frame(0.2, 0x185, "370200080000"))
     assert list(told.series[5, (0x6064, 0)].counts) == [2048]
     assert told.strangers == {0x185: 1}
 
 
 def test_a_node_of_another_profile_is_no_drive():
-    told = said(
+    told = decode(
         *reads(5, 0x1000, 0, "91010000"), frame(0.2, 0x185, "0800"), *reads(5, 0x6041, 0, "0800")
     )
     assert not told.nodes[5].drive
@@ -586,7 +588,7 @@ def test_dummy_entries_stand_for_nothing():
         *reads(5, 0x1A00, 1, "10000600"), *reads(5, 0x1A00, 2, "10004160"),
         *reads(5, 0x1A00, 0, "02"),
     ]  # fmt: skip
-    told = said(*mapping, frame(0.2, 0x185, "ffff3702"))
+    told = decode(*mapping, frame(0.2, 0x185, "ffff3702"))
     assert list(told.series) == [(5, (0x6041, 0))]
     assert told.nodes[5].drive == ["operation enabled"]
 
@@ -600,7 +602,7 @@ def test_error_frames_are_told_and_counted():
         frame(0.3, 0x080, data, is_error_frame=True),
         frame(0.4, 0x000, is_error_frame=True),
     ]
-    told = said(*error)
+    told = decode(*error)
     assert told.summary()["errors"] == {
         "bus off": 1,
         "controller, receive errors: passive": 1,
@@ -620,8 +622,8 @@ def test_the_time_of_day_is_read():
     # the upper four bits of the milliseconds are reserved
     heard = [frame(0.0, 0x100, "c82b0af2e93b"), frame(1.0, 0x705, "05")]
     time = datetime(1984, 1, 1) + timedelta(days=0x3BE9, milliseconds=0x20A2BC8)
-    assert texts(said(*heard), "TIME") == [f"the time is {time:%Y-%m-%d %H:%M:%S}.000"]
-    shorter = said(frame(0.0, 0x100, "c82b0a02"), frame(1.0, 0x705, "05"))
+    assert texts(decode(*heard), "TIME") == [f"the time is {time:%Y-%m-%d %H:%M:%S}.000"]
+    shorter = decode(frame(0.0, 0x100, "c82b0a02"), frame(1.0, 0x705, "05"))
     assert shorter.strangers == {0x100: 1}
 
 
@@ -636,7 +638,7 @@ def test_the_time_of_day_is_read():
     ],
 )
 def test_layer_setting_services_are_read(identifier, data, who, words):
-    (event,) = said(frame(0.0, identifier, data)).events
+    (event,) = decode(frame(0.0, identifier, data)).events
     assert event.kind == "LSS"
     assert event.who.startswith(who)
     assert event.text == words
@@ -677,7 +679,7 @@ def test_a_block_transfer_is_one_transfer_with_its_bytes(count, writes, size):
     data = bytes(0x21 + k % 90 for k in range(count))
     heard = block(data, writes=writes, size=size)
     after = [frame(99.0, 0x605, "4064600000000000"), frame(99.1, 0x585, "4364600005000000")]
-    told = said(*heard, *after)
+    told = decode(*heard, *after)
     assert [each.good for each in told.observed.transfers] == [True, True]
     assert [each.key for each in told.observed.transfers] == [(0x1008, 0), (0x6064, 0)]
     assert (told.observed.strays, told.strangers.total()) == ([], 0)
@@ -688,9 +690,9 @@ def test_a_block_transfer_is_one_transfer_with_its_bytes(count, writes, size):
 
 
 def test_a_block_is_decoded_by_the_type_of_its_object():
-    told = said(*block(b"\xfe\xff\xff\xff", index=0x6064))
+    told = decode(*block(b"\xfe\xff\xff\xff", index=0x6064))
     assert texts(told, "SDO") == ["reads 6064h Position actual of node 5: -2"]
-    long = said(*block(bytes(range(200)), index=0x2100))
+    long = decode(*block(bytes(range(200)), index=0x2100))
     (shown,) = texts(long, "SDO")
     assert shown == f"reads 2100h of node 5: {bytes(range(64)).hex(' ')} ... (200 bytes)"
 
@@ -707,7 +709,7 @@ def test_a_block_is_decoded_by_the_type_of_its_object():
 def test_a_block_may_be_sent_again_lost_or_given_up(rows, words):
     begin = (">a00810007f", "<c20810000a000000", ">a3")
     end = () if rows[-1] is None else ("<d1", ">a1")
-    told = said(*sdo(*begin, *filter(None, rows), *end))
+    told = decode(*sdo(*begin, *filter(None, rows), *end))
     (text,) = texts(told, "SDO")
     assert words in text
     assert told.observed.strays == []
@@ -720,7 +722,7 @@ def test_a_block_download_that_stalls_leaves_the_requests_after_it(kept):
     for k, request in enumerate(after):
         answer = ("43" if request[0] == "4" else "60") + request[2:8] + "05000000"
         heard += [frame(9.0 + k, 0x605, request), frame(9.1 + k, 0x585, answer)]
-    told = said(*heard)
+    told = decode(*heard)
     assert told.observed.strays == []
     assert [each.key for each in told.observed.transfers if each.good] == [
         (0x6064, 0),
@@ -730,14 +732,14 @@ def test_a_block_download_that_stalls_leaves_the_requests_after_it(kept):
 
 
 def test_a_device_may_answer_a_block_transfer_without_blocks():
-    told = said(*sdo(">a00810007f", "<4308100045504f53"))
+    told = decode(*sdo(">a00810007f", "<4308100045504f53"))
     assert texts(told, "SDO") == ['reads 1008h Device name of node 5: "EPOS"']
 
 
 @pytest.mark.parametrize("data", ["4308100048303033", "4208100048303033"])
 def test_a_name_of_four_letters_is_no_number(data):
     """An AKD's name (1008h) has four letters (its CAN manual, p. 51)."""
-    assert texts(said(*sdo(">4008100000000000", f"<{data}")), "SDO") == [
+    assert texts(decode(*sdo(">4008100000000000", f"<{data}")), "SDO") == [
         'reads 1008h Device name of node 5: "H003"'
     ]
 
@@ -762,7 +764,7 @@ CIA_402_SIGNED = {
 @pytest.mark.parametrize("bits", CIA_402_SIGNED)
 def test_objects_with_a_sign_keep_it(bits, axis):
     for index, sub in CIA_402_SIGNED[bits]:
-        told = said(
+        told = decode(
             *reads(5, index + axis, sub, (-5).to_bytes(bits // 8, "little", signed=True).hex())
         )
         (text,) = texts(told, "SDO")
@@ -776,10 +778,10 @@ def test_objects_with_a_sign_keep_it(bits, axis):
 def test_of_the_drives_of_its_vendor_only_an_akd_has_its_names(product, akd):
     """By the manuals of AKD, S300 and S700, AX2000, and AKD2G, all of vendor 6Ah."""
     code = product.to_bytes(4, "little").hex()
-    told = said(vendor(5, 0x6A), *reads(5, 0x1018, 2, code), *reads(5, 0x2001, 1, "0500"))
+    told = decode(vendor(5, 0x6A), *reads(5, 0x1018, 2, code), *reads(5, 0x2001, 1, "0500"))
     assert ("F5" in texts(told, "SDO")[-1]) is akd
     assert bool(told.nodes[5].faults) is akd
-    alone = said(vendor(5, 0x6A), *reads(5, 0x2001, 1, "0500"))
+    alone = decode(vendor(5, 0x6A), *reads(5, 0x2001, 1, "0500"))
     assert "F5" in texts(alone, "SDO")[-1]
 
 
@@ -807,7 +809,7 @@ BOOT, PDO_BEFORE, PDO_AFTER = (
 )
 def test_a_node_that_boots_has_the_pdos_that_it_stored(settings, torques, states):
     """CiA 301, 7.3.2.2: on a reset parameters have their power-on values, those last stored."""
-    told = said(*settings, PDO_BEFORE, BOOT, PDO_AFTER)
+    told = decode(*settings, PDO_BEFORE, BOOT, PDO_AFTER)
     assert list(told.series[5, (0x6077, 0)].counts) == torques
     assert (list(told.series[5, (0x6041, 0)].counts) if states else None) == states
 
@@ -821,7 +823,7 @@ def test_services_are_found_by_the_identifiers_that_the_trace_shows():
         frame(1.0, 0x090), frame(1.1, 0x090), frame(1.2, 0x0A7, "1081010000000000"),
         frame(1.3, 0x641, "4064600000000000"), frame(1.4, 0x5C1, "4364600007000000"),
     ]  # fmt: skip
-    told = said(*moved, *used)
+    told = decode(*moved, *used)
     assert len(told.sync) == 2
     assert list(told.nodes) == [5]
     assert texts(told, "EMCY") == ["8110h CAN overrun"]
@@ -829,15 +831,15 @@ def test_services_are_found_by_the_identifiers_that_the_trace_shows():
 
 
 def test_a_drive_that_the_trace_does_not_show_to_be_one_is_remarked():
-    told = said(frame(0.0, 0x705, "05"), frame(0.1, 0x185, "0100"))
+    told = decode(frame(0.0, 0x705, "05"), frame(0.1, 0x185, "0100"))
     (remark,) = told.remarks()
     assert remark == (
         "node 5: the trace does not show what its PDOs carry: decoded by the defaults of CiA 402, "
         "as if it was a drive"
     )
     for shown in (reads(5, 0x1000, 0, "92010200"), reads(5, 0x6502, 0, "ad030000"), TORQUE):
-        assert said(*shown, frame(9.0, 0x185, "3702")).remarks() == []
-    assert said(frame(0.1, 0x185, "3702"), names=Names(EDS)).remarks() == []
+        assert decode(*shown, frame(9.0, 0x185, "3702")).remarks() == []
+    assert decode(frame(0.1, 0x185, "3702"), names=Names(EDS)).remarks() == []
 
 
 @pytest.mark.parametrize(("frames", "words"), [(1.0, "1 frame"), (2.0, "2 frames")])

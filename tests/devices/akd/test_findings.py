@@ -58,7 +58,7 @@ def assessed(*frames, rig=None, names=None, **how):
     return assess(Conversation(heard, names, rig, **how))
 
 
-def found(*frames, **how):
+def codes_of(*frames, **how):
     """Codes of all findings, the worst first."""
     return [each.code for each in assessed(*frames, **how).findings]
 
@@ -216,8 +216,8 @@ def test_a_node_that_is_addressed_and_never_sends_is_silent():
     asked = frame(0.5, 0x604, "4000100000000000")
     its = one("node-silent", *BEATS, asked)
     assert (its.node, its.severity, its.time) == (4, Severity.UNRESOLVED, 0.5)
-    assert found(*BEATS, frame(5.88, 0x604, "4000100000000000")) == []  # no time to answer
-    assert found(*BEATS, asked, frame(0.6, 0x584, "4f00100000000000")) == []
+    assert codes_of(*BEATS, frame(5.88, 0x604, "4000100000000000")) == []  # no time to answer
+    assert codes_of(*BEATS, asked, frame(0.6, 0x584, "4f00100000000000")) == []
 
 
 def test_a_scan_for_nodes_is_no_problem_of_each_of_them():
@@ -246,7 +246,7 @@ def test_heartbeats_are_lost_while_the_node_sends_something_else():
     assert its.text.startswith("no heartbeat 2 times, at worst for 1 s (usually every 100 ms)")
     assert len(its.frames) == 2
     assert one("heartbeat-lost", *without(BEATS, 5.0), *pdos).severity is Severity.UNRESOLVED
-    assert found(*BEATS, *pdos) == []
+    assert codes_of(*BEATS, *pdos) == []
 
 
 def test_who_watches_a_heartbeat_is_named_if_it_allows_less():
@@ -286,8 +286,8 @@ def test_a_boot_up_in_the_middle_is_found_unless_it_was_commanded():
     (its,) = assessed(*gone).findings
     assert (its.code, its.severity) == ("boot-up", Severity.UNRESOLVED)
     reset = frame(2.1, 0x000, "8105")
-    assert found(*boot, reset) == []
-    assert found(frame(-0.1, 0x705, "00"), *BEATS) == []  # the first frame of a node
+    assert codes_of(*boot, reset) == []
+    assert codes_of(frame(-0.1, 0x705, "00"), *BEATS) == []  # the first frame of a node
     # one answers a reset, the next one does not
     answer = [frame(1.8, 0x000, "8105"), frame(1.85, 0x705, "00")]
     assert [each.code for each in assessed(*answer, *boot).findings] == ["boot-up"]
@@ -299,14 +299,14 @@ def test_a_drive_that_is_reset_while_it_has_torque_is_found():
     its = one("boot-up", *before, *reset)
     assert its.text.startswith("booted by a command, while it had torque, 110 ms after its last")
     before = drive((0, ENABLED), (1.5, OFF), end=2.0, control=[(0, "0f00"), (1.4, "0000")])
-    assert "boot-up" not in found(*before, *reset)
+    assert "boot-up" not in codes_of(*before, *reset)
 
 
 def test_a_node_that_leaves_operational_without_a_command_is_found():
     left = [*without(BEATS, 1.95), *every(0.1, 2.0, 6.0, 0x705, "7f")]
     (its,) = assessed(*left).findings
     assert (its.code, its.severity, its.time) == ("nmt-left", Severity.UNRESOLVED, 2.0)
-    assert found(*left, frame(1.97, 0x000, "8005")) == []
+    assert codes_of(*left, frame(1.97, 0x000, "8005")) == []
     back = [*without(BEATS, 1.95, 2.95), *every(0.1, 2.0, 3.0, 0x705, "7f")]
     assert one("nmt-left", *back).until == pytest.approx(3.0)
 
@@ -318,8 +318,8 @@ def test_a_start_without_effect_is_found():
     assert (its.code, its.severity) == ("nmt-ignored", Severity.UNRESOLVED)
     assert its.text == "did not follow the start, is pre-operational"
     obeys = [*without(waits, 1.05), *every(0.1, 1.1, 6.0, 0x705, "05")]
-    assert found(*obeys, start) == []
-    assert found(*waits, frame(1.0, 0x000, "0106")) == ["node-silent"]
+    assert codes_of(*obeys, start) == []
+    assert codes_of(*waits, frame(1.0, 0x000, "0106")) == ["node-silent"]
 
 
 def test_sync_is_late_or_lost():
@@ -329,7 +329,7 @@ def test_sync_is_late_or_lost():
     assert its.text == "SYNC late 1 time, after 30 ms at worst (usually every 10 ms)"
     its = one("sync-lost", *without(sync, 1.0, 1.5), *BEATS)
     assert (its.severity, its.until) == (Severity.RECOVERED, pytest.approx(1.5))
-    assert found(*sync, *BEATS) == []  # it ends while no drive has torque
+    assert codes_of(*sync, *BEATS) == []  # it ends while no drive has torque
 
 
 def test_sync_that_ends_while_a_drive_has_torque_is_unresolved():
@@ -338,7 +338,7 @@ def test_sync_that_ends_while_a_drive_has_torque_is_unresolved():
     assert its.severity is Severity.UNRESOLVED
     assert its.text.endswith("while a drive has torque")
     off = drive((0, ENABLED), (1.9, OFF), end=2.0, control=[(0, "0f00"), (1.89, "0000")])
-    assert "sync-lost" not in found(*off, *BEATS)
+    assert "sync-lost" not in codes_of(*off, *BEATS)
 
 
 def test_a_pause_of_everybody_is_one_finding():
@@ -346,7 +346,7 @@ def test_a_pause_of_everybody_is_one_finding():
     (its,) = assessed(*without(everything, 2.0, 5.0)).findings
     assert (its.code, its.severity) == ("trace-gap", Severity.WARNING)
     assert (its.time, its.until) == (pytest.approx(2.0), pytest.approx(5.0))
-    assert found(*everything, timed=False) == []
+    assert codes_of(*everything, timed=False) == []
 
 
 CYCLES = drive((0, ENABLED), (2.99, OFF), end=3.0, control=[(0, "0f00"), (2.98, "0000")])
@@ -366,7 +366,7 @@ def pdos(*but, shift=0.0):
 
 
 def test_a_pdo_that_is_missing_for_its_sync_is_a_warning_several_in_a_row_a_failure():
-    assert found(*pdos()) == []
+    assert codes_of(*pdos()) == []
     (its,) = assessed(*pdos(100)).findings
     assert (its.code, its.severity, its.node) == ("pdo-missing", Severity.WARNING, 5)
     assert its.text == "TPDO1: missing for 1 of 300 SYNCs"
@@ -381,9 +381,9 @@ def test_a_pdo_after_the_next_sync_is_late_and_not_missing():
     assert (its.code, its.severity) == ("pdo-late", Severity.WARNING)
     heard = sorted(pdos(100, shift=0.0098), key=lambda each: each.timestamp)
     assert [heard[each - 1].arbitration_id for each in its.frames] == [0x185]
-    assert found(*pdos(100, shift=0.008)) == []  # before the next SYNC
+    assert codes_of(*pdos(100, shift=0.008)) == []  # before the next SYNC
     one_after_another = pdos(*range(100, 105), shift=0.0098)  # the last catches up
-    assert found(*one_after_another) == ["pdo-late"]
+    assert codes_of(*one_after_another) == ["pdo-late"]
 
 
 def test_a_pdo_that_ends_is_unresolved_unless_it_was_stopped():
@@ -392,7 +392,7 @@ def test_a_pdo_that_ends_is_unresolved_unless_it_was_stopped():
     assert its.severity is Severity.UNRESOLVED
     assert its.text == "TPDO1: none to the end of the trace, for 1 s"
     stop = frame(1.995, 0x000, "8005")
-    assert "pdo-missing" not in found(*gone, stop, *every(0.1, 0, 3, 0x705, "05"))
+    assert "pdo-missing" not in codes_of(*gone, stop, *every(0.1, 0, 3, 0x705, "05"))
 
 
 def test_a_pdo_that_comes_twice_has_two_senders():
@@ -406,7 +406,7 @@ def test_a_pdo_that_comes_twice_has_two_senders():
 def test_a_pdo_that_needs_no_sync_is_missing_by_its_own_rhythm():
     words = every(0.05, 0.0, 6.0, 0x185, OFF)
     beats = every(0.1, 0.02, 6.0, 0x705, "05")
-    assert found(*words, *beats) == []
+    assert codes_of(*words, *beats) == []
     its = one("pdo-missing", *without(words, 2.0, 2.5), *beats)
     assert its.text == "TPDO1: none 1 time, for 0.5 s at worst (usually every 50 ms)"
 
@@ -416,7 +416,7 @@ def test_a_pdo_of_another_length_is_found_where_the_others_fit():
     assert (its.code, its.severity) == ("pdo-length", Severity.RECOVERED)
     assert its.time == pytest.approx(1.0005)
     long = [frame(0.01 * k, 0x185, "3702ff") for k in range(20)]
-    assert "pdo-length" not in found(*long)
+    assert "pdo-length" not in codes_of(*long)
 
 
 def test_what_several_pdos_of_a_node_have_is_one_finding():
@@ -428,7 +428,7 @@ def test_what_several_pdos_of_a_node_have_is_one_finding():
 
 def test_a_remote_request_for_sync_is_no_sync():
     asked = [frame(1.0, 0x080, is_remote_frame=True), frame(1.1, 0x185, is_remote_frame=True)]
-    assert found(*CYCLES, *asked) == []
+    assert codes_of(*CYCLES, *asked) == []
 
 
 def write(at, key, value, answer="60"):
@@ -454,13 +454,13 @@ LIMIT, MODE = "7f6000", "5a6000"
 
 
 def test_a_request_without_an_answer_is_unresolved_until_it_is_answered():
-    assert found(*BEATS, *read(1.0, LIMIT, "01000000")) == []
+    assert codes_of(*BEATS, *read(1.0, LIMIT, "01000000")) == []
     (its,) = assessed(*BEATS, *read(1.0, LIMIT), *read(2.0, LIMIT)).findings
     assert (its.code, its.severity, its.time) == ("sdo-timeout", Severity.UNRESOLVED, 1.0)
     assert its.text == "reading 607Fh Maximum profile velocity: without an answer, 2 times"
     its = one("sdo-timeout", *BEATS, *read(1.0, LIMIT), *read(2.0, LIMIT, "01000000"))
     assert (its.severity, its.until) == (Severity.RECOVERED, 2.0)
-    assert found(*BEATS, *read(5.8, LIMIT)) == []  # the trace ends before it may be answered
+    assert codes_of(*BEATS, *read(5.8, LIMIT)) == []  # the trace ends before it may be answered
 
 
 def test_a_transfer_that_the_host_gives_up_is_without_an_answer():
@@ -513,7 +513,7 @@ def test_a_transfer_that_is_begun_and_not_finished_is_found():
     assert (its.code, its.severity, its.time) == ("sdo-unfinished", Severity.WARNING, 1.0)
     assert its.text == "reading 607Fh Maximum profile velocity: begun, not finished"
     rest = [frame(1.4, 0x605, "7000000000000000"), frame(1.5, 0x585, "1120202020202020")]
-    assert found(*BEATS, *begun, *rest, *read(2.0, MODE, "02000000")) == []
+    assert codes_of(*BEATS, *begun, *rest, *read(2.0, MODE, "02000000")) == []
     begun = [frame(1.0, 0x605, f"21{LIMIT}0f000000"), frame(1.1, 0x585, f"60{LIMIT}00000000")]
     its = one("sdo-unfinished", *BEATS, *begun, *read(2.0, MODE, "02000000"))
     assert its.severity is Severity.UNRESOLVED
@@ -561,11 +561,11 @@ def test_a_bus_of_a_different_protocol_is_left_alone():
     ids=["heartbeat", "network management", "SYNC with a counter", "request"],
 )
 def test_one_sign_of_canopen_is_enough(sign):
-    assert "emergency" in found(*RAW[:3], sign)
+    assert "emergency" in codes_of(*RAW[:3], sign)
 
 
 def test_emergencies_alone_are_read_if_nothing_contradicts_them():
-    assert found(frame(0.0, 0x085, "1023010000000000")) == ["emergency"]
+    assert codes_of(frame(0.0, 0x085, "1023010000000000")) == ["emergency"]
 
 
 def test_a_setting_that_is_read_back_otherwise_is_unresolved_until_it_is_right():
@@ -575,14 +575,14 @@ def test_a_setting_that_is_read_back_otherwise_is_unresolved_until_it_is_right()
     assert its.text == "607Fh Maximum profile velocity: 1000 written, 500 read"
     right = [*write(2.0, LIMIT, "e8030000"), *read(2.1, LIMIT, "e8030000")]
     assert one("setting-differs", *BEATS, *wrong, *right).severity is Severity.RECOVERED
-    assert found(*BEATS, *right) == []
+    assert codes_of(*BEATS, *right) == []
 
 
 def test_settings_that_nobody_reads_back_are_a_warning_and_commands_are_none():
     (its,) = assessed(*BEATS, *write(1.0, LIMIT, "e8030000")).findings
     assert (its.code, its.severity) == ("setting-unread", Severity.WARNING)
     assert its.text.startswith("1 setting written and never read back: 607Fh Maximum")
-    assert found(*BEATS, *write(1.0, "406000", "0f000000")) == []
+    assert codes_of(*BEATS, *write(1.0, "406000", "0f000000")) == []
 
 
 def enabled(*words, end=4.0, control=(), mode=None, **how):
@@ -598,8 +598,8 @@ def test_a_drive_that_leaves_operation_without_a_command_lost_its_torque():
     (its,) = assessed(*enabled((1, "1702"), (2, ENABLED))).findings
     assert (its.code, its.severity) == ("torque-lost", Severity.RECOVERED)
     assert its.text.endswith("is quick stop active")
-    assert found(*enabled((1, OFF), control=[(0.99, "0000")])) == []
-    assert found(*enabled((1, OFF)), frame(0.99, 0x000, "8005")) == []
+    assert codes_of(*enabled((1, OFF), control=[(0.99, "0000")])) == []
+    assert codes_of(*enabled((1, OFF)), frame(0.99, 0x000, "8005")) == []
 
 
 @pytest.mark.parametrize(
@@ -621,7 +621,7 @@ def test_a_command_that_is_followed_late_is_recovered_and_soon_is_nothing():
     def frames(at):
         return drive((0, ON), (at, ENABLED), end=6.0, control=[(0, "0700"), (1.0, "0f00")])
 
-    assert found(*frames(1.5)) == []
+    assert codes_of(*frames(1.5)) == []
     later = drive((0, ON), (4, ENABLED), end=6.0,
                   control=[(0, "0700"), (1, "0f00"), (3, "0700"), (3.9, "0f00")])  # fmt: skip
     assert one("wrong-state", *later).severity is Severity.RECOVERED
@@ -629,7 +629,7 @@ def test_a_command_that_is_followed_late_is_recovered_and_soon_is_nothing():
 
 def test_a_mode_that_is_not_the_given_one_is_found():
     given = write(0.02, "606000", "03000000")
-    assert found(*enabled(mode=3), *given) == []
+    assert codes_of(*enabled(mode=3), *given) == []
     (its,) = assessed(*enabled(mode=3), *given, *read(1.0, "616000", "01000000")).findings
     assert (its.code, its.severity) == ("mode-differs", Severity.UNRESOLVED)
     assert its.text.startswith("is in profile position for 2.99 s, given is profile velocity")
@@ -656,8 +656,8 @@ def test_what_a_bit_of_the_status_word_warns_of_is_found_by_the_mode(mode, word,
     assert (its.code, its.severity) == (code, severity)
     assert its.text.endswith("for 2.99 s")
     other = 9 if mode else None  # bit 13 is reserved there
-    assert found(*enabled((1, word), mode=other)) == ([] if mode else [code])
-    assert found(*enabled((1, OFF), (1.5, word[:1] + "1" + word[2:]), control=[(0.99, "0000")],
+    assert codes_of(*enabled((1, word), mode=other)) == ([] if mode else [code])
+    assert codes_of(*enabled((1, OFF), (1.5, word[:1] + "1" + word[2:]), control=[(0.99, "0000")],
                           mode=mode)) == []  # fmt: skip
 
 
@@ -674,7 +674,7 @@ def test_a_following_error_beyond_the_window_of_the_drive_is_found():
                 for k, each in enumerate(counts)]  # fmt: skip
 
     setup = [*window, *mapping, *beats, *status]
-    assert found(*setup, *errors(5, -100, 100)) == []
+    assert codes_of(*setup, *errors(5, -100, 100)) == []
     (its,) = assessed(*setup, *errors(5, -101, 3)).findings
     assert (its.code, its.severity) == ("following-error", Severity.RECOVERED)
     assert its.text == "following error up to 101, its window is 100"
@@ -699,8 +699,8 @@ def test_a_cyclic_mode_that_does_not_follow_is_found_unless_it_never_did():
     follows = (0.5, "3712")
     (its,) = assessed(*enabled(follows, (1, ENABLED), mode=8)).findings
     assert (its.code, its.severity) == ("not-following", Severity.UNRESOLVED)
-    assert found(*enabled(follows, (1, ENABLED), (1.05, "3712"), mode=8)) == []
-    assert found(*enabled(mode=8)) == []
+    assert codes_of(*enabled(follows, (1, ENABLED), (1.05, "3712"), mode=8)) == []
+    assert codes_of(*enabled(mode=8)) == []
 
 
 NEW = [(1.0, "1f00"), (1.1, "0f00")]
@@ -709,15 +709,15 @@ NEW = [(1.0, "1f00"), (1.1, "0f00")]
 
 def test_a_set_point_that_is_not_acknowledged_or_not_reached_is_found():
     reached = [(1.02, "3712"), (1.12, ENABLED), (2.0, "3706")]
-    assert found(*enabled(*reached, mode=1, control=NEW)) == []
-    assert found(*enabled(*reached[:2], mode=1, control=NEW)) == ["target-missed"]
-    assert found(*enabled(mode=1, control=NEW)) == ["setpoint-ignored"]
-    assert found(*enabled(mode=3, control=NEW)) == []
+    assert codes_of(*enabled(*reached, mode=1, control=NEW)) == []
+    assert codes_of(*enabled(*reached[:2], mode=1, control=NEW)) == ["target-missed"]
+    assert codes_of(*enabled(mode=1, control=NEW)) == ["setpoint-ignored"]
+    assert codes_of(*enabled(mode=3, control=NEW)) == []
 
 
 def test_homing_that_is_not_attained_is_found():
     started = [(1.0, "1f00")]
-    assert found(*enabled((2, "3712"), mode=6, control=started)) == []
+    assert codes_of(*enabled((2, "3712"), mode=6, control=started)) == []
     (its,) = assessed(*enabled(mode=6, control=started)).findings
     assert (its.code, its.text) == ("target-missed", "homing is not attained within 2.99 s")
 
@@ -734,11 +734,11 @@ def test_an_emergency_is_unresolved_until_it_is_cleared_or_the_drive_works_on():
     assert (its.severity, its.until) == (Severity.RECOVERED, 2.0)
     (its,) = assessed(*enabled(), HOT).findings
     assert its.severity is Severity.WARNING
-    assert found(*BEATS, CLEAR) == []
+    assert codes_of(*BEATS, CLEAR) == []
 
 
 def test_an_emergency_of_a_fault_is_part_of_it():
-    assert found(*STUCK, BLOCKED) == ["drive-fault", "reset-failed"]
+    assert codes_of(*STUCK, BLOCKED) == ["drive-fault", "reset-failed"]
 
 
 def error(at, classes, data="0000000000000000"):
@@ -769,12 +769,12 @@ def sent(*frames):
 
 def test_a_frame_of_the_host_that_somebody_else_sends_means_two_hosts():
     own = sent(*every(0.01, 0.0, 3.0, 0x080))
-    assert found(*own, *BEATS) == []
+    assert codes_of(*own, *BEATS) == []
     (its,) = assessed(*own, *BEATS, frame(1.5005, 0x080)).findings
     assert (its.code, its.severity, its.node) == ("two-hosts", Severity.UNRESOLVED, 0)
     assert its.time == 1.5005
     echoed = every(0.01, 0.001, 3.0, 0x080)  # the adapter hands back what it sends
-    assert found(*own, *echoed, *BEATS) == []
+    assert codes_of(*own, *echoed, *BEATS) == []
     (its,) = assessed(*own, *echoed, *BEATS, frame(1.5005, 0x080)).findings
     assert (its.code, its.time) == ("two-hosts", pytest.approx(1.5005, abs=0.001))
     heard = sorted([*own, *echoed, *BEATS], key=lambda each: each.timestamp)
@@ -785,7 +785,7 @@ def test_a_frame_of_the_host_that_somebody_else_sends_means_two_hosts():
 
 def test_sync_of_two_senders_is_seen_without_directions():
     one_of_them, other = every(0.01, 0.0, 3.0, 0x080), every(0.01, 0.0015, 3.0, 0x080)
-    assert found(*one_of_them, *other, *BEATS) == ["two-hosts"]
+    assert codes_of(*one_of_them, *other, *BEATS) == ["two-hosts"]
     late = [each for each in other if each.timestamp > 2.0]
     (its,) = assessed(*one_of_them, *late, *BEATS).findings
     assert (its.code, its.text) == ("two-hosts", "SYNC of two senders")
@@ -795,7 +795,7 @@ def test_sync_of_two_senders_is_seen_without_directions():
 def test_a_control_word_that_comes_twice_for_a_sync_means_two_hosts():
     other = [frame(each.timestamp + 0.003, 0x205, "0000") for each in CYCLES
              if each.arbitration_id == 0x205 and 1 < each.timestamp < 1.1]  # fmt: skip
-    assert "two-hosts" in found(*CYCLES, *other)
+    assert "two-hosts" in codes_of(*CYCLES, *other)
 
 
 def test_two_devices_with_a_number_are_seen_by_heartbeats_and_by_answers():
@@ -817,8 +817,8 @@ def test_a_full_bus_is_a_warning_where_its_bit_rate_is_known():
     # 91 frames of 47 + 64 + 24 bits in the busiest 0.1 s
     assert its.text.startswith(f"up to {100 * 91 * 135 / 0.1 / 125_000:.0f} % of 125000 bit/s")
     half = every(0.0022, 0.0, 1.0, 0x7F1, "0000000000000000")
-    assert found(*half, rig=slow) == []
-    assert found(*full) == []  # the bit rate is not known
+    assert codes_of(*half, rig=slow) == []
+    assert codes_of(*full) == []  # the bit rate is not known
 
 
 def guarded(*lost, stuck=()):
@@ -834,7 +834,7 @@ def guarded(*lost, stuck=()):
 
 
 def test_a_guard_request_without_an_answer_is_found():
-    assert found(*guarded()) == []
+    assert codes_of(*guarded()) == []
     its = one("guard-unanswered", *guarded(30))
     assert (its.severity, its.until) == (Severity.RECOVERED, pytest.approx(3.1))
     assert its.text == "1 of 60 guard requests without an answer"
@@ -845,8 +845,8 @@ def test_a_guarded_node_that_nobody_asks_is_not_lost():
     """CiA 301: a guarded node answers remote requests, and sends nothing by itself."""
     asked = guarded()
     others = every(0.02, 0.0, 8.0, 0x707, "05")
-    assert found(*without(asked, 2.05, 4.05), *others) == []
-    assert found(*without(asked, 3.05), *others) == []
+    assert codes_of(*without(asked, 2.05, 4.05), *others) == []
+    assert codes_of(*without(asked, 3.05), *others) == []
     told = Conversation(sorted([*asked, *others], key=lambda each: each.timestamp))
     assert told.nodes[5].frames == {"guard answer": 60}
     assert told.nodes[5].states == ["operational"]

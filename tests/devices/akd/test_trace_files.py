@@ -73,13 +73,13 @@ def passed(each):
     return each.timestamp - BEGIN
 
 
-def written(tmp_path, name, frames=HEARD):
+def write_trace(tmp_path, name, frames=HEARD):
     return write_dialect(DIALECTS[name], tmp_path, frames)
 
 
 @pytest.mark.parametrize("name", [each for each in DIALECTS if not each.endswith(".mf4")])
 def test_every_form_gives_the_same_frames(tmp_path, name):
-    found = read_trace(written(tmp_path, name))
+    found = read_trace(write_trace(tmp_path, name))
     assert [each.arbitration_id for each in found.frames] == [x.arbitration_id for x in HEARD]
     assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD]
     assert [each.is_extended_id for each in found.frames] == [x.is_extended_id for x in HEARD]
@@ -93,7 +93,7 @@ def test_every_form_gives_the_same_frames(tmp_path, name):
 
 
 def test_an_error_in_a_table_of_saleae_is_on_the_channel_of_its_frames(tmp_path):
-    file = written(tmp_path, "Saleae")
+    file = write_trace(tmp_path, "Saleae")
     with file.open("a") as text:
         text.write('"CAN","can_error",9.0,1e-05,,,,,,\n')
     found = read_trace(file)
@@ -105,7 +105,7 @@ def test_an_error_in_a_table_of_saleae_is_on_the_channel_of_its_frames(tmp_path)
     ("kind", "place"), [("identifier_field", 8), ("control_field", 9), ("data_field", 6)]
 )
 def test_a_bad_row_in_a_table_of_saleae_costs_its_own_frame(tmp_path, kind, place):
-    file = written(tmp_path, "Saleae")
+    file = write_trace(tmp_path, "Saleae")
     rows = file.read_text().splitlines()
     k = next(i for i, row in enumerate(rows) if kind in row)
     cells = rows[k].split(",")
@@ -118,7 +118,7 @@ def test_a_bad_row_in_a_table_of_saleae_costs_its_own_frame(tmp_path, kind, plac
 
 @pytest.mark.parametrize("form", ["candump -L", ".asc", ".trc 1.1", "SavvyCAN", "BUSMASTER"])
 def test_a_line_at_fault_costs_itself(tmp_path, form):
-    file = written(tmp_path, form)
+    file = write_trace(tmp_path, form)
     text = file.read_text()
     whole = text.splitlines()
     k = next(i for i, line in enumerate(whole) if "37" in line and "02" in line)
@@ -391,7 +391,7 @@ def test_flags_of_kvaser_are_read(tmp_path):
 
 @pytest.mark.parametrize("name", ["candump -L", "candump -td"])
 def test_frames_that_candump_dropped_are_reported(tmp_path, name):
-    file = written(tmp_path, name)
+    file = write_trace(tmp_path, name)
     line = "DROPCOUNT: dropped {} CAN frame{} on 'can0' socket (total drops {})\n"
     first, rest = file.read_text().split("\n", 1)
     text = line.format(1, "", 1) + f"{first}\n" + line.format(4, "s", 5) + rest
@@ -422,7 +422,7 @@ def test_bytes_on_a_terminal_may_be_binary_or_swapped(tmp_path, data, shown):
 
 @pytest.mark.parametrize("name", ["candump -L", ".asc", ".trc 2.1", "SavvyCAN", "BUSMASTER"])
 def test_a_last_line_without_its_end_is_left_out(tmp_path, name):
-    text = written(tmp_path, name).read_text()
+    text = write_trace(tmp_path, name).read_text()
     last = text.rindex("705") if "BUS" not in name else text.rindex("0x705")
     file = tmp_path / DIALECTS[name].file
     file.write_text(text[: text.index("\n", last) - 2].rstrip())
@@ -544,7 +544,7 @@ def test_of_python_cans_database_what_may_be_missing_is_said(tmp_path):
 @pytest.mark.parametrize("cut", [1, 9, 20, 300])
 @pytest.mark.parametrize("form", ["pcap", "pcapng", ".asc, CANFD", "SavvyCAN", ".trc 2.1"])
 def test_of_a_cut_file_what_is_left_is_read(tmp_path, form, cut):
-    file = written(tmp_path, form)
+    file = write_trace(tmp_path, form)
     file.write_bytes(file.read_bytes()[:-cut])
     found = read_trace(file).frames
     assert len(found) >= len(HEARD) - (8 if cut < 300 else 14)
@@ -563,7 +563,7 @@ def test_frames_of_can_fd_are_left_out(tmp_path):
 
 
 def test_the_day_of_pcan_is_kept(tmp_path):
-    file = written(tmp_path, ".trc 1.1")
+    file = write_trace(tmp_path, ".trc 1.1")
     begin = datetime.fromtimestamp(read_trace(file).frames[0].timestamp, UTC)
     assert begin.isoformat(timespec="seconds")[:16] == "2023-11-14T22:13"
 

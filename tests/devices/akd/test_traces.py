@@ -39,7 +39,7 @@ HEARD = [
 ]
 
 
-def written(file, messages=HEARD, part=None):
+def write_trace(file, messages=HEARD, part=None):
     writer = TraceWriter(file, "can0", part)
     for message in messages:
         writer.write([message])
@@ -56,7 +56,7 @@ def test_a_frame_comes_back_from_its_numbers(message):
 
 @pytest.mark.parametrize("ending", [*WRITTEN_SUFFIXES, ".log.gz", ".asc.gz", ".csv.gz", ".trc.gz"])
 def test_what_is_written_in_a_format_is_read_again(tmp_path, ending):
-    found = read_trace(written(tmp_path / f"a{ending}"))
+    found = read_trace(write_trace(tmp_path / f"a{ending}"))
     assert not found.remarks
     assert [each.arbitration_id for each in found.frames] == [0x000, 0x705, 0x185, 0x080]
     assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD]
@@ -66,7 +66,7 @@ def test_what_is_written_in_a_format_is_read_again(tmp_path, ending):
 
 
 def test_a_broken_line_costs_one_frame(tmp_path):
-    file = written(tmp_path / "a.log")
+    file = write_trace(tmp_path / "a.log")
     lines = file.read_text().splitlines()
     lines[1] = lines[1][:-4] + "0 R"
     file.write_text("\n".join([*lines, "(1.76) can0 0", "", "(1.8) can0 081##10102", ""]))
@@ -95,7 +95,7 @@ def test_of_a_truncated_trace_what_is_left_is_read(tmp_path, ending):
 
 def test_of_several_channels_one_is_told_and_the_others_are_named(tmp_path):
     other = "(1.6) vcan7 123#00 R\n"
-    file = written(tmp_path / "a.log")
+    file = write_trace(tmp_path / "a.log")
     file.write_text(file.read_text() + other)
     found = read_trace(file)
     assert len(found.frames) == len(HEARD)
@@ -106,7 +106,7 @@ def test_of_several_channels_one_is_told_and_the_others_are_named(tmp_path):
 
 
 def test_frames_out_of_order_are_told_in_order(tmp_path):
-    file = written(tmp_path / "a.csv", [HEARD[3], *HEARD[:3]])
+    file = write_trace(tmp_path / "a.csv", [HEARD[3], *HEARD[:3]])
     found = read_trace(file)
     assert [each.arbitration_id for each in found.frames] == [0x000, 0x705, 0x185, 0x080]
     assert "time goes back, by up to 0.25 s" in found.remarks[0]
@@ -125,7 +125,7 @@ def test_what_is_no_trace_is_told_in_one_line(tmp_path, name):
 def test_a_bounded_trace_keeps_its_beginning_and_its_end(tmp_path):
     file = tmp_path / "trace.log"
     many = [frame(0x181, k.to_bytes(4, "little"), 1 + 0.002 * k) for k in range(600)]
-    written(file, many, part=4000)
+    write_trace(file, many, part=4000)
     assert len(parts(file)) == 3
     assert sum(each.stat().st_size for each in parts(file)) < 13_000
     found = read_trace(file)
@@ -135,13 +135,13 @@ def test_a_bounded_trace_keeps_its_beginning_and_its_end(tmp_path):
     jumps = [b - a for a, b in pairwise(numbers) if b - a != 1]
     assert len(jumps) == 1
     assert not found.remarks
-    written(file)
+    write_trace(file)
     assert parts(file) == [file]
 
 
 def test_a_trace_that_is_named_takes_no_other_file_for_its_part(tmp_path):
-    other = written(tmp_path / "a-1.log")
-    written(tmp_path / "a.log", HEARD[:1])
+    other = write_trace(tmp_path / "a-1.log")
+    write_trace(tmp_path / "a.log", HEARD[:1])
     assert other.exists()
     assert len(read_trace(tmp_path / "a.log").frames) == 1
 

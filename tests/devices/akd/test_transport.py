@@ -61,7 +61,7 @@ END = b"#"
 """What no adapter is sent."""
 
 
-def written(line):
+def read_new_bytes(line):
     """All that has been written to the line since the last call, and not a byte more."""
     master, slave = line
     os.write(slave, END)
@@ -80,7 +80,7 @@ def slcan_on(line):
 @contextmanager
 def slcan(kind, line):
     with kind(os.ttyname(line[1]), bitrate=1_000_000, sleep_after_open=0.0) as bus:
-        assert written(line).endswith(b"O\r")
+        assert read_new_bytes(line).endswith(b"O\r")
         yield bus
 
 
@@ -113,11 +113,11 @@ def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line, 
         transport, reports = transport_on(bus)
         transport.send(0x201, b"\x0f\x00")
         transport.send(0x080, b"")
-        assert written(serial_line) == b""
+        assert read_new_bytes(serial_line) == b""
         pieces.clear()
         transport.send_queued()
         assert pieces == [b"t20120F00\rt0800\r"]
-        assert written(serial_line) == pieces[0]
+        assert read_new_bytes(serial_line) == pieces[0]
         bus.unreadable_lines = 3
         assert list(transport.receive()) == []
         assert [(f.condition, f.detail) for f in reports.take()] == [
@@ -129,8 +129,8 @@ def test_a_second_opener_of_an_adapter_is_refused_before_it_sends_a_byte(serial_
     with slcan(PromptSlcanBus, serial_line):
         with pytest.raises(DriveError, match="is used by another program"):
             open_bus(slcan_on(serial_line))
-        assert written(serial_line) == b""
-    assert written(serial_line) == b"C\r"
+        assert read_new_bytes(serial_line) == b""
+    assert read_new_bytes(serial_line) == b"C\r"
     open_bus(slcan_on(serial_line)).shutdown()
 
 
@@ -141,7 +141,7 @@ def test_slcan_is_the_library_s_own_where_ports_have_no_descriptor(
     monkeypatch.setattr("twin.devices.akd.bus.sys.platform", platform)
     with open_bus(slcan_on(serial_line)) as bus:
         assert type(bus) is kind
-        assert b"S8\r" in written(serial_line)
+        assert b"S8\r" in read_new_bytes(serial_line)
 
 
 def test_frames_pass_over_the_library_s_own_slcan_bus(serial_line):
@@ -155,12 +155,12 @@ def test_frames_pass_over_the_library_s_own_slcan_bus(serial_line):
             received = list(transport.receive(10.0))
             received += [] if len(received) > 1 else transport.receive(10.0)
             assert received == [(0x181, data), (0x182, data)]
-        assert written(serial_line) == b"t0800\r" * 5
+        assert read_new_bytes(serial_line) == b"t0800\r" * 5
 
 
 def test_our_host_opens_an_adapter_with_the_commands_of_the_manual(serial_line):
     with open_bus(slcan_on(serial_line)):
-        commands = written(serial_line).split(b"\r")
+        commands = read_new_bytes(serial_line).split(b"\r")
     # Closed before it is set up, then open; more C, O and empty lines do no harm.
     assert commands.index(b"C") < commands.index(b"S8") < commands.index(b"O")
     assert set(commands) <= {b"C", b"S8", b"O", b""}
@@ -172,7 +172,7 @@ def test_our_host_transmits_as_the_manual_says(serial_line):
         bus.send(can.Message(arbitration_id=0x20, is_extended_id=False))
         bus.recv(0)
         # The examples of the command t in the manual, and the question for the status flags.
-        assert written(serial_line) == b"t10021133\rt0200\rF\r"
+        assert read_new_bytes(serial_line) == b"t10021133\rt0200\rF\r"
 
 
 @pytest.mark.parametrize(

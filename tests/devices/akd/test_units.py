@@ -1,4 +1,4 @@
-"""`twin.devices.akd.config`.
+"""`twin.devices.akd.drive_units`.
 
 Units, limits and ramps: computed from what the drive says, or refused with the line to set."""
 
@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stepped import SteppedDrives, refused
 
-from twin.devices.akd.bringup import DriveQuantity
 from twin.devices.akd.config import AkdConfig, AxisConfig
+from twin.devices.akd.drive_units import DriveQuantity
 from twin.devices.akd.protocol import RPM_RAD_S
 from twin.emulator.drive import EmulatedDrive
 

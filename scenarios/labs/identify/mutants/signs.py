@@ -57,7 +57,7 @@ def fitted(time: np.ndarray, ball: np.ndarray, tilt: np.ndarray) -> tuple[float,
     at = np.linspace(0, 2 * np.pi / OMEGA, 600, endpoint=False)
     velocity = derived(seen, at, 1)
     speed = np.linalg.norm(velocity, axis=1)
-    rolls = speed > 0.02  # m/s; slower, what it takes to break away acts, too
+    rolls = speed > 0.02  # m/s; slower, the additional friction at rest acts, too
     way = (velocity / speed[:, None])[rolls]
     way = way - way.mean(axis=0)
     best = (np.inf, 0.0, 0.0)

@@ -287,8 +287,9 @@ class Conversation:
         kinds = {"with 29-bit identifiers, no CANopen": self._long, "of no known service": others}
         for kind, counts in kinds.items():
             if counts:
-                some = [f"{each:X}h" for each in counts][:3] + ["..."] * (len(counts) > 3)
-                shown = ", ".join(some)
+                shown = ", ".join(f"{each:X}h" for each in list(counts)[:3])
+                if len(counts) > 3:
+                    shown += ", ..."
                 remarks.append(f"not decoded: {plural(counts.total(), 'frame')} {kind} ({shown})")
         remarks += [
             f"{self.called(node)}: the trace does not show what its PDOs carry: decoded by "
@@ -296,8 +297,9 @@ class Conversation:
             for node in sorted({node for node, _ in self.series} - self._settings.described)
             if not self.objects.has_known_kind(node)
         ]
-        for node in sorted(self.nodes) if self._names.sheet.objects else ():
-            if not self.objects.is_of_sheet(node):
+        has_sheet = bool(self._names.sheet.objects)
+        for node in sorted(self.nodes):
+            if has_sheet and not self.objects.is_of_sheet(node):
                 vendors = self._names.sheet.vendor or 0, self.objects.vendor(node) or 0
                 remarks.append(
                     f"{self.called(node)}: the EDS file is not used: it is of vendor "

@@ -88,7 +88,9 @@ class DataSheet:
         for key, value in self.defaults.items():
             if value.relative or not _is_cob_id(key) or value.number & 0x7F == node:
                 held[key] = value.of_node(node)
-        for key, value in self.values.items() if self.node in (None, node) else ():
+        if self.node not in (None, node):
+            return held
+        for key, value in self.values.items():
             own = value.relative or self.node == node
             if own or not _is_cob_id(key) or value.number & 0x7F == node:
                 held[key] = value.of_node(node)

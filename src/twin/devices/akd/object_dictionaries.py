@@ -17,7 +17,7 @@ from twin.devices.akd.object_names import (
     CONTROL,
     ERROR_CODE,
     FAULTS,
-    MODES,
+    MODE_OBJECTS,
     PLACE,
     PROFILE_OBJECTS,
     SPEED,
@@ -160,7 +160,7 @@ class ObjectDictionaries:
 
         The mode that the drive displays counts, else the one that it is given.
         """
-        for index in MODES:
+        for index in MODE_OBJECTS:
             changes = self._changes.get((node, key_of_axis(index, axis)), ())
             shown = (each.value for each in reversed(changes) if each.time <= time)
             if (mode := next(shown, None)) is not None:

@@ -14,7 +14,7 @@ from twin.devices.akd.protocol import Key, Object, table
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 ERROR_CODE, FAULTS = 0x603F, 0x2001
-MODES = (0x6061, 0x6060)
+MODE_OBJECTS = (0x6061, 0x6060)
 """The mode of operation, as it is displayed and as it is given."""
 _VENDORS_OBJECTS, PROFILE_OBJECTS = range(0x2000, 0x6000), range(0x6000, 0xA000)
 """Indices of the objects of a vendor, and of those of a profile."""

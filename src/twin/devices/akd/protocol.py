@@ -303,6 +303,9 @@ START, PRE_OPERATIONAL = 1, 128
 OPERATIONAL = 5
 """NMT state in a heartbeat; 0 is a boot-up."""
 
+AT_EVERY_SYNC = 1
+"""Transmission type of a PDO that is exchanged at every SYNC."""
+
 CONSUMER_HEARTBEAT = 0x1016
 """Index of the node with the monitored heartbeat, as `split_watch` reads it."""
 

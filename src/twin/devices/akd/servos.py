@@ -176,8 +176,9 @@ class AkdServos:
         self._polling = SdoPolling(config, self._reports, at)
         self._cycle, self._synced, self._beat = 0, at, at
         self.round_trip, self.heartbeat = None, True
-        for axis in self.axes if reset else ():
-            axis.reset(at)
+        if reset:
+            for axis in self.axes:
+                axis.reset(at)
         self._transport = transport
 
     def stop(self) -> None:
@@ -356,7 +357,9 @@ class AkdServos:
                 transport.send_heartbeat(self.config.host)
 
     def _drain(self, wait: float) -> None:
-        for identifier, data in self._transport.receive(wait) if self._transport else ():
+        if self._transport is None:
+            return
+        for identifier, data in self._transport.receive(wait):
             at = self.now()
             node = identifier & protocol.NODE_MASK
             service = identifier - node

@@ -141,8 +141,8 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         timed &= notes.timed
     if not frames:
         empty = not any(file.stat().st_size for file in files)
-        told = "; ".join(each.removeprefix(f"{path.name}: ") for each in remarks)
-        why = told or ("it is empty" if empty else "it has none")
+        reasons = "; ".join(each.removeprefix(f"{path.name}: ") for each in remarks)
+        why = reasons or ("it is empty" if empty else "it has none")
         raise LogError(f"{path}: no frame can be read: {why}")
     counts = Counter(_name(each) for each in frames)
     chosen = channel or counts.most_common(1)[0][0]

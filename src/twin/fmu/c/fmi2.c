@@ -46,7 +46,7 @@ static void say(const fmi2CallbackFunctions *host, const char *name, const char 
         host->logger(host->componentEnvironment, name, fmi2Error, "logStatusError", "%s", text);
 }
 
-static fmi2Status told(fmi2Component c, int done) {
+static fmi2Status status_of(fmi2Component c, int done) {
     Component *own = c;
     if (done)
         return fmi2OK;
@@ -54,8 +54,8 @@ static fmi2Status told(fmi2Component c, int done) {
     return fmi2Error;
 }
 
-static fmi2Status refused(fmi2Component c, const char *what) {
-    return told(c, instance_refuse(c, what));
+static fmi2Status refuse(fmi2Component c, const char *what) {
+    return status_of(c, instance_refuse(c, what));
 }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -64,7 +64,7 @@ EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 
 EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n,
                                       const fmi2String categories[]) {
-    (void)c, (void)on, (void)n, (void)categories; /* errors are always told, nothing else is */
+    (void)c, (void)on, (void)n, (void)categories; /* errors are always logged, nothing else is */
     return fmi2OK;
 }
 
@@ -98,15 +98,15 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerant, fmi
 
 EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     Component *own = c;
-    return told(c, instance_enter(&own->it, own->start));
+    return status_of(c, instance_enter(&own->it, own->start));
 }
 
 EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
-    return told(c, instance_exit(c));
+    return status_of(c, instance_exit(c));
 }
 
 EXPORT fmi2Status fmi2Terminate(fmi2Component c) {
-    return told(c, instance_end(c));
+    return status_of(c, instance_end(c));
 }
 
 EXPORT fmi2Status fmi2Reset(fmi2Component c) {
@@ -120,7 +120,7 @@ EXPORT fmi2Status fmi2Reset(fmi2Component c) {
         for (size_t i = 0; i < n; i++) {                                                           \
             double found;                                                                          \
             if (!instance_get(c, kind, vr[i], &found))                         \
-                return told(c, 0);                                                                 \
+                return status_of(c, 0);                                                                 \
             value[i] = (type)found;                                                                \
         }                                                                                          \
         return fmi2OK;                                                                             \
@@ -129,7 +129,7 @@ EXPORT fmi2Status fmi2Reset(fmi2Component c) {
                                     const type value[]) {                                          \
         for (size_t i = 0; i < n; i++)                                                             \
             if (!instance_set(c, kind, vr[i], (double)value[i]))               \
-                return told(c, 0);                                                                 \
+                return status_of(c, 0);                                                                 \
         return fmi2OK;                                                                             \
     }
 
@@ -140,43 +140,43 @@ GET_AND_SET(Boolean, fmi2Boolean, BOOLEAN)
 /* ---- State: a copy of the bytes of one struct -------------------------------------------------- */
 
 EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *saved) {
-    return told(c, instance_save(c, saved));
+    return status_of(c, instance_save(c, saved));
 }
 
 EXPORT fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate saved) {
-    return told(c, instance_restore(c, saved, sizeof(State)));
+    return status_of(c, instance_restore(c, saved, sizeof(State)));
 }
 
 EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *saved) {
     instance_forget(saved);
-    return told(c, 1);
+    return status_of(c, 1);
 }
 
 EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate saved, size_t *size) {
     *size = sizeof(State);
-    return told(c, saved != NULL);
+    return status_of(c, saved != NULL);
 }
 
 EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate saved, fmi2Byte bytes[],
                                         size_t size) {
-    return told(c, instance_serialize(c, saved, bytes, size));
+    return status_of(c, instance_serialize(c, saved, bytes, size));
 }
 
 EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                           fmi2FMUstate *saved) {
-    return told(c, instance_deserialize(c, bytes, size, saved));
+    return status_of(c, instance_deserialize(c, bytes, size, saved));
 }
 
 /* ---- Co-simulation ----------------------------------------------------------------------------- */
 
 EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real length, fmi2Boolean forward) {
     (void)forward;
-    return told(c, instance_step(c, time, length));
+    return status_of(c, instance_step(c, time, length));
 }
 
 EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
     if (kind != fmi2LastSuccessfulTime)
-        return refused(c, "a pending status");
+        return refuse(c, "a pending status");
     *value = ((Component *)c)->it.state.model.v[TIME];
     return fmi2OK;
 }
@@ -184,7 +184,7 @@ EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, 
 EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind,
                                        fmi2Boolean *value) {
     if (kind != fmi2Terminated)
-        return refused(c, "a pending status");
+        return refuse(c, "a pending status");
     *value = 0;
     return fmi2OK;
 }
@@ -198,10 +198,10 @@ EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kin
 #define WITHOUT(Name, what, ...)                                                                   \
     EXPORT fmi2Status fmi2##Name(fmi2Component c, const fmi2ValueReference vr[], size_t n,         \
                                  __VA_ARGS__) {                                                    \
-        return n ? refused(c, what) : fmi2OK;                                                      \
+        return n ? refuse(c, what) : fmi2OK;                                                      \
     }
 #define REFUSED(Name, what, ...)                                                                   \
-    EXPORT fmi2Status fmi2##Name(__VA_ARGS__) { return refused(c, what); }
+    EXPORT fmi2Status fmi2##Name(__VA_ARGS__) { return refuse(c, what); }
 
 WITHOUT(GetString, "a string", fmi2String value[])
 WITHOUT(SetString, "a string", const fmi2String value[])

@@ -11,7 +11,7 @@ typedef struct {
     fmi3LogMessageCallback log;
 } Own;
 
-static fmi3Status told(fmi3Instance instance, int done) {
+static fmi3Status status_of(fmi3Instance instance, int done) {
     Own *own = instance;
     if (done)
         return fmi3OK;
@@ -21,7 +21,7 @@ static fmi3Status told(fmi3Instance instance, int done) {
 }
 
 fmi3Status fmi3_refuse(fmi3Instance instance, const char *what) {
-    return told(instance, instance_refuse(instance, what));
+    return status_of(instance, instance_refuse(instance, what));
 }
 
 /* ---- From instantiation to the end ------------------------------------------------------------- */
@@ -50,15 +50,15 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean
                                               fmi3Float64 tolerance, fmi3Float64 start,
                                               fmi3Boolean stops, fmi3Float64 stop) {
     (void)tolerant, (void)tolerance, (void)stops, (void)stop;
-    return told(instance, instance_enter(instance, start));
+    return status_of(instance, instance_enter(instance, start));
 }
 
 EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
-    return told(instance, instance_exit(instance));
+    return status_of(instance, instance_exit(instance));
 }
 
 EXPORT fmi3Status fmi3Terminate(fmi3Instance instance) {
-    return told(instance, instance_end(instance));
+    return status_of(instance, instance_end(instance));
 }
 
 EXPORT fmi3Status fmi3Reset(fmi3Instance instance) {
@@ -74,17 +74,17 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float6
     *event = *terminate = *early = false;
     int done = instance_step(&own->it, time, length);
     *last = own->it.state.model.v[TIME];
-    return told(instance, done);
+    return status_of(instance, done);
 }
 
 /* ---- Values ------------------------------------------------------------------------------------ */
 
 fmi3Status fmi3_get(fmi3Instance instance, int type, fmi3ValueReference variable, double *value) {
-    return told(instance, instance_get(instance, type, variable, value));
+    return status_of(instance, instance_get(instance, type, variable, value));
 }
 
 fmi3Status fmi3_set(fmi3Instance instance, int type, fmi3ValueReference variable, double value) {
-    return told(instance, instance_set(instance, type, variable, value));
+    return status_of(instance, instance_set(instance, type, variable, value));
 }
 
 GET_AND_SET(Float64, fmi3Float64, REAL)
@@ -101,32 +101,32 @@ WITHOUT(GetIntervalFraction, "a clock", fmi3UInt64 counter[], fmi3UInt64 resolut
 /* ---- State: a copy of the bytes of one struct -------------------------------------------------- */
 
 EXPORT fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *saved) {
-    return told(instance, instance_save(instance, saved));
+    return status_of(instance, instance_save(instance, saved));
 }
 
 EXPORT fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState saved) {
-    return told(instance, instance_restore(instance, saved, sizeof(State)));
+    return status_of(instance, instance_restore(instance, saved, sizeof(State)));
 }
 
 EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *saved) {
     instance_forget(saved);
-    return told(instance, 1);
+    return status_of(instance, 1);
 }
 
 EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState saved,
                                              size_t *size) {
     *size = sizeof(State);
-    return told(instance, saved != NULL);
+    return status_of(instance, saved != NULL);
 }
 
 EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState saved,
                                         fmi3Byte bytes[], size_t size) {
-    return told(instance, instance_serialize(instance, saved, bytes, size));
+    return status_of(instance, instance_serialize(instance, saved, bytes, size));
 }
 
 EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[],
                                           size_t size, fmi3FMUState *saved) {
-    return told(instance, instance_deserialize(instance, bytes, size, saved));
+    return status_of(instance, instance_deserialize(instance, bytes, size, saved));
 }
 
 /* ---- Event mode -------------------------------------------------------------------------------- */

@@ -50,7 +50,7 @@ int fmi3_is_own_token(fmi3String token, fmi3String own, fmi3InstanceEnvironment 
                       fmi3LogMessageCallback log);
 
 /* What each kind of FMU defines for the macros below; they log why they fail. */
-fmi3Status fmi3_refuse(fmi3Instance instance, const char *what); /* what it cannot do */
+fmi3Status fmi3_refuse(fmi3Instance instance, const char *what); /* `what`: the operation that is not supported */
 fmi3Status fmi3_get(fmi3Instance instance, int type, fmi3ValueReference variable, double *value);
 fmi3Status fmi3_set(fmi3Instance instance, int type, fmi3ValueReference variable, double value);
 

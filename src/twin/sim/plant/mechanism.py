@@ -1,7 +1,7 @@
 """The MuJoCo plant: N mechanisms of ``models/`` stepped as one batch.
 
-Besides where everything of interest stands in the arrays of a batch, and how the one friction
-object acts in the engine: on each rig's ball, when it has to.
+``Addresses`` has the places of everything of interest in the arrays of a batch, ``BallContact``
+applies the friction to each rig's ball in the engine.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from twin.sim.plant.interface import (
     one_ball_in_plate,
     rolling_ball,
 )
-from twin.sim.plant.model import RigModels, motor_ratio
+from twin.sim.plant.model import motor_ratio
+from twin.sim.plant.rig_models import RigModels
 from twin.sim.plant.rim import Rim, Walls
 
 Indices = NDArray[np.integer]
@@ -45,7 +46,7 @@ TELEMETRY_SENSORS = {
 
 
 def channels_of(model: mujoco.MjModel) -> dict[str, int]:
-    """What of ``TELEMETRY`` a model tells, and where in ``sensordata``."""
+    """The channels of ``TELEMETRY_SENSORS`` that a model has: name to place in ``sensordata``."""
     at = _sensors(model)
     return {name: at[sensor] for name, sensor in TELEMETRY_SENSORS.items() if sensor in at}
 
@@ -209,7 +210,7 @@ _ISLAND_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 
 _ZERO_CONSTANT = constant(0.0)
 
-BALL = (0, 1, 4, 5)
+BALL_COLUMNS = (0, 1, 4, 5)
 """Columns of (x, x', y, y') in the state."""
 
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -399,13 +400,13 @@ class Mechanism:
 
     def _step(self, steps: int) -> None:
         walls = self._walls
-        if walls is None or not walls.near(self.state[:, BALL].T, steps * self.step).any():
+        if walls is None or not walls.near(self.state[:, BALL_COLUMNS].T, steps * self.step).any():
             self._roll(steps)
             return
         for _ in range(steps):
-            before = self.state[:, BALL].T
+            before = self.state[:, BALL_COLUMNS].T
             self._roll(1)
-            after = self.state[:, BALL].T
+            after = self.state[:, BALL_COLUMNS].T
             met = walls.met(after[0], after[2])
             if met.any():
                 stopped = np.array(walls.rebound(self.step, before, after))

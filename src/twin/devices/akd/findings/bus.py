@@ -25,7 +25,7 @@ TIME_ROUNDING = 1e-6
 """Share of such a window by which a time may be rounded."""
 HIGH_LOAD = 0.8
 """Share of the bit rate above which a bus is full."""
-ANSWER_S = 0.1
+GUARD_ANSWER_S = 0.1
 """Time in s that a node has to answer a guard request."""
 MIN_PAIRS = 5
 """Frames in a row by which two senders of the same identifier are distinguished from one."""
@@ -177,7 +177,7 @@ def find_guarding(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding
             after = bisect_right(times, begin)
             if after < len(times) and times[after] <= end:
                 answers[k] = after
-            elif end - begin >= ANSWER_S or k + 1 < len(guards.time):
+            elif end - begin >= GUARD_ANSWER_S or k + 1 < len(guards.time):
                 unanswered.append(k)
         if unanswered:
             until = next((guards.time[k] for k in answers if k > unanswered[-1]), None)

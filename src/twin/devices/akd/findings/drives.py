@@ -36,7 +36,7 @@ class Span(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """An axis of a drive, and what it did.
+    """An axis of a drive: its states and control words over time.
 
     Attributes:
         node: The drive.

@@ -73,8 +73,8 @@ class Finding:
         until: When it was over, s; None if it was not, or did not last.
         node: The node; ``BUS`` if it belongs to none.
         axis: The axis of a drive, 1 for the first; None if it belongs to none.
-        text: What it is, in a sentence without the node.
-        motion: What it did to the motion; empty if that is not known.
+        text: The finding in a sentence, without the node.
+        motion: Its effect on the motion; empty if unknown.
         frames: Numbers of the frames that show it.
         seen: Causes that the trace itself suggests, instead of those of the code.
     """

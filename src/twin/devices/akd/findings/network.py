@@ -26,11 +26,11 @@ LOST_PAUSES = 2.5
 LOST_SYNCS = 10
 """Periods without SYNC or a PDO after which SYNC or the node is lost."""
 ANSWER_S = 0.05
-"""Time in s that a node has at least to say anything."""
+"""Time in s in which a node must have sent something."""
 SCANNED_NODES = 10
 """Silent nodes, all asked for nothing but what they are, from which a host only looks for nodes."""
-IDENTITY = (0x1000, 0x1018)
-"""Indices of what a node is."""
+IDENTITY_OBJECTS = (0x1000, 0x1018)
+"""Indices of the device type and the identity of a node."""
 PAUSE_S, PAUSE_FACTOR, PAUSE_RHYTHMS = 0.2, 20, 10
 """Shortest pause of the whole bus in s; as a factor of the longest but 1 % of all pauses, and of
 the slowest regular stream."""
@@ -39,7 +39,7 @@ USUAL_SHARE = 0.99
 RESET_S, OBEY_S = 5.0, 1.0
 """Time in s in which a node boots after a reset, and in which it follows any other NMT command."""
 _BOOT_UP, _STOP, _RESETS = 0, 2, (129, 130)
-LEAVING = (_STOP, protocol.PRE_OPERATIONAL, *_RESETS)
+LEAVING_COMMANDS = (_STOP, protocol.PRE_OPERATIONAL, *_RESETS)
 """NMT commands by which a node leaves the operational state."""
 _HEARTBEAT, _SYNC = "heartbeat", StreamKey(BUS, "SYNC")
 
@@ -82,7 +82,7 @@ def find_silent_nodes(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fin
     }
     if trace.timed:
         silent = {n: its for n, its in silent.items() if trace.duration - its[0][0] >= ANSWER_S}
-    others = {each.node for each in seen.transfers if each.key[0] not in IDENTITY}
+    others = {each.node for each in seen.transfers if each.key[0] not in IDENTITY_OBJECTS}
     others |= {each.node for each in seen.commands}
     others |= {each.node for each in seen.streams}
     scanned = [node for node in silent if node not in others]
@@ -296,7 +296,7 @@ def find_wrong_network_states(trace: Conversation, known: Sequence[Finding]) -> 
         for before, now in pairwise(changes):
             if before.value != protocol.OPERATIONAL or now.value == _BOOT_UP:
                 continue
-            if was_commanded(trace, node, now.time, OBEY_S, LEAVING):
+            if was_commanded(trace, node, now.time, OBEY_S, LEAVING_COMMANDS):
                 continue
             if is_explained(known, ("boot-up",), node, now.time):
                 continue

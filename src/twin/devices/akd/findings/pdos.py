@@ -17,12 +17,19 @@ from twin.devices.akd.findings.finding import (
     is_explained,
     severity_at_end,
 )
-from twin.devices.akd.findings.network import ANSWER_S, LEAVING, LOST_PAUSES, OBEY_S, was_commanded
+from twin.devices.akd.findings.network import (
+    ANSWER_S,
+    LEAVING_COMMANDS,
+    LOST_PAUSES,
+    OBEY_S,
+    was_commanded,
+)
 from twin.devices.akd.observed import BUS, StreamKey
+from twin.devices.akd.protocol import AT_EVERY_SYNC
 
 MIN_SYNCS = 20
 """SYNCs from which it is seen whether a PDO comes with each."""
-SHARES = 0.9, 1.1
+EACH_SYNC_SHARES = 0.9, 1.1
 """PDOs for each SYNC, at least and at most, of one that comes with each."""
 MISSING_AT_END = 3
 """SYNCs without a PDO, to the end of the trace, after which it has ended."""
@@ -32,9 +39,8 @@ MISSING_IN_A_ROW = 3
 """SYNCs without a PDO in a row that are more than a warning."""
 MIN_TWICE = 3
 """How often a PDO comes twice for a SYNC before somebody sends it twice."""
-AT_EVERY_SYNC = 1
-"""Transmission type of a PDO that comes with every SYNC."""
-_CAUSES = (*SILENCES, "nmt-left", "sync-lost")
+_GAP_CAUSES = (*SILENCES, "nmt-left", "sync-lost")
+"""Codes of findings that explain a missing PDO."""
 
 
 class Cycles(NamedTuple):
@@ -70,7 +76,11 @@ def cycles(trace: Conversation, stream: StreamKey) -> Cycles | None:
     index = (0x1800 if stream.name[0] == "T" else 0x1400) + int(stream.name[4:]) - 1
     kind = trace.objects.values[stream.node].get((index, 2))
     share = sum(counts) / len(counts)
-    each = SHARES[0] <= share <= SHARES[1] if kind is None else kind == AT_EVERY_SYNC
+    each = (
+        EACH_SYNC_SHARES[0] <= share <= EACH_SYNC_SHARES[1]
+        if kind is None
+        else kind == AT_EVERY_SYNC
+    )
     return Cycles(syncs.time[first:end], counts, last, len(syncs.time) - end) if each else None
 
 
@@ -104,7 +114,7 @@ def _of_streams(trace: Conversation, known: Sequence[Finding]) -> Iterator[Findi
             continue
         missing, late, twice = _sorted_out(found.counts)
         missing = [
-            k for k in missing if not is_explained(known, _CAUSES, stream.node, found.sync[k])
+            k for k in missing if not is_explained(known, _GAP_CAUSES, stream.node, found.sync[k])
         ]
         if missing:
             yield _missing(trace, stream, found, missing)
@@ -194,9 +204,9 @@ def _find_ended_streams(
     """A PDO that ended while SYNC went on, and nobody stopped it."""
     its = trace.observed.streams[stream]
     last = its.time[-1]
-    if trace.duration - last < ANSWER_S or is_explained(known, _CAUSES, stream.node, last):
+    if trace.duration - last < ANSWER_S or is_explained(known, _GAP_CAUSES, stream.node, last):
         return
-    stopped = was_commanded(trace, stream.node, last + ANSWER_S, OBEY_S, LEAVING)
+    stopped = was_commanded(trace, stream.node, last + ANSWER_S, OBEY_S, LEAVING_COMMANDS)
     if stopped or (stream.name[0] == "R" and not has_torque(trace, last)):
         return
     yield Finding(
@@ -217,7 +227,7 @@ def _uneven(trace: Conversation, stream: StreamKey, known: Sequence[Finding]) ->
     over = [
         each
         for each in rhythm.long(LOST_PAUSES)
-        if each.end and not is_explained(known, _CAUSES, stream.node, each.begin)
+        if each.end and not is_explained(known, _GAP_CAUSES, stream.node, each.begin)
     ]
     if over:
         worst = trace.span(max((each.end or 0.0) - each.begin for each in over))

@@ -20,8 +20,8 @@ from twin.devices.akd.findings.finding import (
     severity_at_end,
 )
 from twin.devices.akd.findings.motion import coasting
-from twin.devices.akd.findings.network import LEAVING, OBEY_S, was_commanded
-from twin.devices.akd.object_names import MODES, STATUS, key_of_axis
+from twin.devices.akd.findings.network import LEAVING_COMMANDS, OBEY_S, was_commanded
+from twin.devices.akd.object_names import MODE_OBJECTS, STATUS, key_of_axis
 from twin.devices.akd.observed import Change
 from twin.devices.akd.protocol import DriveState
 
@@ -37,18 +37,18 @@ NEW_SETPOINT = 1 << 4
 """Bit of the control word: a new set-point, or the start of homing."""
 PROFILE_POSITION, HOMING, CYCLIC = 1, 6, (8, 9, 10)
 """Modes of operation."""
-_REACHED = {
+_STATES_BY_COMMAND = {
     "shutdown": (DriveState.READY,),
     "switch on": (DriveState.SWITCHED_ON,),
     "enable operation": (DriveState.OPERATION_ENABLED,),
 }
-"""What a drive reaches by a command."""
-_NEEDED = {
+"""States that a drive reaches by a command."""
+_NEEDED_COMMANDS = {
     (DriveState.SWITCH_ON_DISABLED, "switch on"): "needs shutdown (0006h) first",
     (DriveState.SWITCH_ON_DISABLED, "enable operation"): "needs shutdown (0006h) first",
     (DriveState.READY, "enable operation"): "needs switch on (0007h) first",
 }
-"""What is missing before a command, by the state in which it comes."""
+"""The command that must come first, by state and command."""
 
 
 def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
@@ -60,7 +60,7 @@ def find_lost_torque(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 continue
             if control is None or not protocol.control_words(control).startswith("enable"):
                 continue
-            if was_commanded(trace, axis.node, now.begin, OBEY_S, LEAVING):
+            if was_commanded(trace, axis.node, now.begin, OBEY_S, LEAVING_COMMANDS):
                 continue
             if is_explained(known, SILENCES, axis.node, now.begin):
                 continue
@@ -86,9 +86,11 @@ def _next(axis: Axis, time: float, states: Sequence[DriveState]) -> float | None
 
 def find_ignored_commands(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Commands that an axis does not follow: it is in the wrong state, or something is missing."""
-    for axis in axes(trace) if trace.timed else ():
+    if not trace.timed:
+        return
+    for axis in axes(trace):
         for time, words, frame, end in _commands(axis, trace.duration):
-            reached = _REACHED.get(words)
+            reached = _STATES_BY_COMMAND.get(words)
             begun, last = axis.span_at(time), axis.span_at(end)
             if reached is None or begun is None or last is None or end - time < OBEY_S:
                 continue
@@ -97,7 +99,7 @@ def find_ignored_commands(trace: Conversation, known: Sequence[Finding]) -> Iter
             if is_explained(known, SILENCES, axis.node, time):
                 continue
             until = _next(axis, time, reached)
-            why = _NEEDED.get((begun.state, words), "the drive is not released")
+            why = _NEEDED_COMMANDS.get((begun.state, words), "the drive is not released")
             yield Finding(
                 code="wrong-state",
                 severity=severity_at_end(until),
@@ -131,10 +133,12 @@ def _between(axis: Axis, begin: float, end: float) -> Iterator[Span]:
 
 def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Axes that display a different mode of operation from the one given."""
-    for axis in axes(trace) if trace.timed else ():
+    if not trace.timed:
+        return
+    for axis in axes(trace):
         shown, given = (
             trace.observed.changes.get((axis.node, key_of_axis(index, axis.number)), [])
-            for index in MODES
+            for index in MODE_OBJECTS
         )
         for begin, end, (mode, wanted, frame) in _stretches(_mismatches(shown, given)):
             span = axis.span_at(begin)
@@ -145,7 +149,10 @@ def find_wrong_modes(trace: Conversation, known: Sequence[Finding]) -> Iterator[
                 continue
             if is_explained(known, SILENCES, axis.node, begin):
                 continue
-            names = [trace.objects.words(axis.node, (MODES[0], 0), each) for each in (mode, wanted)]
+            names = [
+                trace.objects.words(axis.node, (MODE_OBJECTS[0], 0), each)
+                for each in (mode, wanted)
+            ]
             yield Finding(
                 code="mode-differs",
                 severity=severity_at_end(end),
@@ -176,7 +183,7 @@ def _mismatches(
 def _stretches(
     seen: Iterable[tuple[float, Held | None]],
 ) -> Iterator[tuple[float, float | None, Held]]:
-    """Where something stands: begin and end in s (None: to the end), and what it was at first.
+    """Where something stands: begin and end in s (None: to the end), and its first value.
 
     Args:
         seen: Times in s, and what stands from each on; None for nothing.
@@ -214,7 +221,7 @@ class Flag(NamedTuple):
     after: float = 0.0
 
 
-FLAGS = (
+STATUS_FLAGS = (
     Flag("limit-active", 1 << 11, True, (), False, "internal limit active"),
     Flag("drive-warning", 1 << 7, True, (), False, "the drive warns"),
     Flag("no-voltage", 1 << 4, False, (), True, "no main voltage"),
@@ -231,7 +238,7 @@ def find_flags(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """What the status word of an enabled axis warns of, by its mode of operation."""
     for axis in axes(trace):
         words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
-        for flag in FLAGS:
+        for flag in STATUS_FLAGS:
             times = [
                 each
                 for each in _stretches(_frames_of(trace, axis, words, flag))
@@ -303,7 +310,9 @@ def find_following_errors(trace: Conversation, known: Sequence[Finding]) -> Iter
 
 def find_missed_targets(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
     """Set-points that are not acknowledged or not reached, and homing that does not end."""
-    for axis in axes(trace) if trace.timed else ():
+    if not trace.timed:
+        return
+    for axis in axes(trace):
         words = trace.observed.changes[axis.node, key_of_axis(STATUS, axis.number)]
         times = [each.time for each in words]
         starts = rising(axis.controls, NEW_SETPOINT)

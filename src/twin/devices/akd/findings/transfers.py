@@ -19,7 +19,7 @@ from twin.devices.akd.object_names import axis_of
 from twin.devices.akd.observed import StrayAnswer, Transfer
 from twin.devices.akd.protocol import Key
 
-ANSWER_S, ANSWER_FRAMES = 0.5, 5
+SDO_ANSWER_S, SDO_ANSWER_FRAMES = 0.5, 5
 """What must follow a request in a trace, s or frames, before it counts as without an answer."""
 MAX_NAMED = 4
 """Objects that a finding names; of more it has the number."""
@@ -27,8 +27,9 @@ TIMED_OUT = 0x0504_0000
 """Abort code of a transfer that took too long."""
 _WARNINGS_IF_READ = ("sdo-refused", "sdo-unfinished")
 """Codes of which a transfer that only reads is a warning."""
-_CAUSES = ("node-silent", "node-lost", "bus-lost", "boot-up")
-_COMMANDS = {
+_SILENCE_CAUSES = ("node-silent", "node-lost", "bus-lost", "boot-up")
+"""Codes of findings that explain a transfer without an answer."""
+_COMMAND_OBJECTS = {
     0x1003, 0x1010, 0x1011, 0x1F50, 0x1F51, 0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1,
     0x60B2, 0x60C1, 0x60FE, 0x60FF,
 }  # fmt: skip
@@ -37,7 +38,7 @@ _COMMANDS = {
 
 def find_unanswered(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Requests without an answer, and those that the host gave up."""
-    wait = ANSWER_S if trace.timed else ANSWER_FRAMES
+    wait = SDO_ANSWER_S if trace.timed else SDO_ANSWER_FRAMES
 
     def unanswered(each: Transfer) -> bool:
         if each.abort == TIMED_OUT:
@@ -50,7 +51,7 @@ def find_unanswered(trace: Conversation, known: Sequence[Finding]) -> Iterator[F
 
 def find_unfinished(trace: Conversation, known: Sequence[Finding]) -> Iterator[Finding]:
     """Transfers in several frames that the host did not carry on, or gave up."""
-    wait = ANSWER_S if trace.timed else ANSWER_FRAMES
+    wait = SDO_ANSWER_S if trace.timed else SDO_ANSWER_FRAMES
 
     def unfinished(each: Transfer) -> bool:
         return each.unfinished and trace.duration - each.begin >= wait
@@ -98,7 +99,7 @@ def _group_transfers(
     good = {(each.node, each.key, each.writes): each.begin for each in trace.observed.transfers
             if each.good}  # fmt: skip
     for each in trace.observed.transfers:
-        if not failed(each) or is_explained(known, _CAUSES, each.node, each.begin):
+        if not failed(each) or is_explained(known, _SILENCE_CAUSES, each.node, each.begin):
             continue
         severity = Severity.UNRESOLVED
         if good.get((each.node, each.key, each.writes), -1.0) > each.begin:
@@ -205,7 +206,7 @@ def _is_second(ends: Sequence[float], stray: StrayAnswer) -> bool:
         stray: The answer.
     """
     before = bisect_right(ends, stray.time)
-    return before > 0 and stray.time - ends[before - 1] <= ANSWER_S
+    return before > 0 and stray.time - ends[before - 1] <= SDO_ANSWER_S
 
 
 def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Finding]:
@@ -216,7 +217,7 @@ def find_lost_settings(trace: Conversation, _: Sequence[Finding]) -> Iterator[Fi
     right: dict[tuple[int, Key], float] = {}
     for each in trace.observed.transfers:
         place = each.node, each.key
-        if not each.good or each.overlapped or axis_of(each.key[0])[0] in _COMMANDS:
+        if not each.good or each.overlapped or axis_of(each.key[0])[0] in _COMMAND_OBJECTS:
             continue
         if each.writes:
             written[place] = unread[place] = each
