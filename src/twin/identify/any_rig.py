@@ -227,7 +227,9 @@ def _fit_axes(
                 )
                 for name in (*SMOOTH_PARAMETERS, "friction")
             ]
-            verdicts, plain_notes = assess_plainly(log, axis, units[axis], unknown, form)
+            verdicts, plain_notes = assess_plainly(
+                log, axis, units[axis], unknown, form, looks[axis]
+            )
             found += verdicts
             notes += plain_notes
             with suppress(LogError):
@@ -244,7 +246,9 @@ def _fit_axes(
         fits[axis], note = choose_predictor(fit, alone=alone, look=looks[axis])
         notes += [f"{axis}: {note}"] if note else []
         if not fit.problem.drift:  # the plain model has one level for the whole log
-            verdicts, plain_notes = assess_plainly(log, axis, units[axis], verdicts, form)
+            verdicts, plain_notes = assess_plainly(
+                log, axis, units[axis], verdicts, form, looks[axis]
+            )
             notes += plain_notes
         found += verdicts
         if fit.pushed:
