@@ -14,13 +14,15 @@ from docs.identify_errors import TUBE, Rig, simulate_log
 from twin.identify import fallback, first_look
 from twin.identify.any_rig import identify_axes, join_logs
 from twin.identify.axis_identification import AxisIdentification
-from twin.identify.axis_logs import AnyLog, AxisLog
+from twin.identify.axis_logs import AnyLog, AxisLog, EndStops
 from twin.identify.axis_verdicts import describe_lags
 from twin.identify.end_stops import find_end_stops
 from twin.identify.fallback import PLAIN_WHY, ROLLING_WHY, assess_plainly
 from twin.identify.first_look import (
     TriedLinkages,
     find_misfits,
+    join_looks,
+    look_at_any_motion,
     look_at_moving,
     look_at_rolling,
     look_at_rolling_in_several_ways,
@@ -110,6 +112,25 @@ def test_the_plain_model_gives_its_numbers_with_intervals(log):
     assert friction.word == NOT_IDENTIFIABLE
     assert (friction.value, friction.low, friction.high) == (None, None, None)
     assert "friction from damping" in note
+
+
+def test_a_first_look_at_any_motion_answers_and_is_not_repeated(log, monkeypatch):
+    before = [verdict("gain_x", NOT_IDENTIFIABLE, 3.0, -9.0, 20.0)]
+    looks = look_at_any_motion(log, TriedLinkages())
+    monkeypatch.setattr(fallback, "look_at_any_motion", lambda *_: looks)
+    expected = assess_plainly(log, "x", "rad", before)
+
+    def refuse(*_):
+        raise AssertionError("a look again")
+
+    monkeypatch.setattr(fallback, "look_at_any_motion", refuse)
+    monkeypatch.setattr(fallback, "look_at_rolling_in_several_ways", lambda *_: [])
+    look = join_looks(looks)
+    assert assess_plainly(log, "x", "rad", before, look=look) == expected
+    stops = EndStops(-0.1, 0.1, 0.3, np.array([[3.0], [3.1]]))
+    for other, seen in ((log, replace(look, plain=False)), (replace(log, stops=stops), look)):
+        with pytest.raises(AssertionError, match="a look again"):
+            assess_plainly(other, "x", "rad", before, look=seen)
 
 
 @pytest.mark.long

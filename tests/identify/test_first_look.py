@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from docs.identify_errors import Rig, simulate_log
 from twin.base.errors import LogError
 from twin.identify import command_model, first_look
-from twin.identify.any_rig import identify_axes
+from twin.identify.any_rig import _describe_work, _tell_rest, identify_axes
 from twin.identify.axis_fitting import AXIS_FITTING
 from twin.identify.axis_logs import AnyLog, AxisLog
 from twin.identify.axis_problem import AxisProblem
@@ -371,6 +372,7 @@ def test_identify_says_what_it_does_and_a_first_look_before_it_fits(log):
         selection=replace(AXIS_SELECTION, window_s=40.0, min_windows=0),
     )
     assert said[2].startswith("first look, x: gain ")
+    assert not any("first fits" in line for line in said)
     # the windows of the full model are refused: the plain one answers
     assert any("stretches" in note for note in found.notes)
     told = {each.name: each for each in found.verdicts}
@@ -380,6 +382,24 @@ def test_identify_says_what_it_does_and_a_first_look_before_it_fits(log):
     assert told["friction_x"].low < TRUTH["friction"] < told["friction_x"].high
     assert told["lag_x"].value is None
     assert found.scores == ()
+
+
+def test_the_stated_time_is_that_of_what_the_first_fits_leave_to_do(log, fit):
+    wave = 1.5 * np.sin(np.arange(fit.found.linearisation.r.shape[-1]) / 8.0)
+    line = fit.found.linearisation
+    bent = replace(fit, found=fit.found._replace(linearisation=line._replace(r=line.r + wave)))
+    logs, said = {"x": log, "y": log.between(0.0, 10.0)}, []
+    for usual in ({"x": fit, "y": fit}, {"x": fit, "y": bent}, {"x": bent, "y": bent}, {}):
+        _tell_rest(logs, usual, said.append)
+    assert said[0].startswith("the first fits explain the log: about ")
+    assert said[1].startswith("the first fits do not explain y: more models are tried: about ")
+    assert "do not explain x and y" in said[2]
+    least, some, most = (int(re.search(r"(\d+) s of processor time in all", e)[1]) for e in said)
+    assert 0 < least < some < most
+    first = _describe_work(logs, "rig.csv")
+    assert first.startswith("rig.csv: fitting 25 s along x and y: ")
+    assert f"about {least} s of processor time if the model explains the log" in first
+    assert first.endswith(f"else about {most} s")
 
 
 def test_residuals_of_the_true_model_are_white_and_those_of_another_are_not(fit):

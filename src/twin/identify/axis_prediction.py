@@ -39,7 +39,7 @@ def predict_by_levels(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = T
     """Predictions as of ``predict_axis``, with a level that is followed at all times."""
     how, hold_out = fit.how.prediction, fit.how.hold_out
     log = replace(log, across=log.across * fit.log.across[1].any())
-    theta, tilt = fit.found.theta, TiltHistory(log, fit.problem.tilt.scale)
+    theta, tilt = fit.found.theta, fit.problem.tilt.on(log)
     by = {"model": theta}
     if follow:
         windows = axis_windows(log, at - how.level_history_s, at)
@@ -60,17 +60,16 @@ def predict_by_levels(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = T
             by[who] = np.repeat(theta[:, None], len(at), axis=1)
             if name in fit.problem.names:
                 by[who][..., fit.problem.names.index(name)] = values
-    problem = _prediction_problem(log, fit, at)
+    problem = _prediction_problem(log, fit, at, tilt)
     return predict_windows(problem, hold_out.lead_s, by, "x", hold_out)["x"]
 
 
-def _prediction_problem(log: AxisLog, fit: AxisFit, at: Array) -> AxisProblem:
-    """Windows from before the times ``at`` in s to the last horizon."""
+def _prediction_problem(log: AxisLog, fit: AxisFit, at: Array, tilt: TiltHistory) -> AxisProblem:
+    """Windows from before the times ``at`` in s to the last horizon, with the tilt of the log."""
     how = fit.how.hold_out
     lead, tolerance = how.lead_s, how.horizon_tolerance_s
     windows = axis_windows(log, at - lead, at + how.horizons_s[-1] + tolerance)
     windows = replace(windows, weight=windows.weight / fit.noise)
-    tilt = TiltHistory(log, fit.problem.tilt.scale)
     longest = lead + how.horizons_s[-1] + 2 * tolerance
     return replace(
         fit.problem,
@@ -120,7 +119,7 @@ def fit_to_predictions(
     """
     how, hold_out = fit.how.prediction, fit.how.hold_out
     at = _thin_prediction_times(fit.log, fit.how, hold_out.lead_s)
-    problem = _prediction_problem(fit.log, fit, at)
+    problem = _prediction_problem(fit.log, fit, at, fit.problem.tilt.on(fit.log))
     windows, names = problem.windows, problem.names
     before = problem.first_part(hold_out.lead_s)
     first = before.initial_starts()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from scipy.signal import lfilter, savgol_filter
@@ -59,26 +60,26 @@ def apply_play(track: Array, half: float) -> Array:
         track: Of the drive, shape (K,).
         half: Half the width of the gap, in its unit.
     """
-    low, high, change = track - half, track + half, np.diff(track)
+    low, high = track - half, track + half
     place = min(max(0.0, float(low[0])), float(high[0]))
-    moves = np.flatnonzero(change)
-    if not len(moves):
-        return np.full_like(track, place)
-    rises = change[moves] > 0
-    turned = rises[1:] != rises[:-1]
-    ends = np.append(moves[1:][turned], len(track) - 1)
-    # in a stretch in which the drive goes one way, one side of the gap moves the plate
-    up = np.append(rises[:1], rises[1:][turned])
-    sides = np.where(up, low[ends], high[ends])
-    begun = []
-    for rising, side in zip(up.tolist(), sides.tolist(), strict=True):
+    rises = np.concatenate(([True], np.diff(track) > 0))
+    ends = np.append(np.flatnonzero(rises[1:] != rises[:-1]), len(track) - 1)
+    # in a stretch in which the drive rises, the lower side of the gap moves the plate, and in the
+    # next one, in which it does not, the upper side
+    sides = low[ends[::2]].tolist(), high[ends[1::2]].tolist()
+    begun = list[float]()
+    for lower, upper in zip_longest(*sides, fillvalue=np.inf):
         begun.append(place)
-        if rising == (side > place):
-            place = side
-    held = np.repeat(begun, np.diff(ends, prepend=-1))
+        place = lower if lower > place else place
+        begun.append(place)
+        place = upper if upper < place else place
+    held = np.repeat(begun[: len(ends)], np.diff(ends, prepend=-1))
     return np.minimum(np.maximum(held, low, out=low), high, out=low)
 
 
+MAX_LEAD_S = 1.0
+"""Time after a sample of the ball up to which commands are looked at: positions may be half a
+second late by their clock."""
 MAX_TRACK_VALUES = 3_000_000
 """Values of the tracks of a tilt that are kept for further simulations: 50 MB with integrals."""
 
@@ -115,11 +116,24 @@ class TiltHistory:
         """Of a log; ``usual`` is the swing of the log that was fitted, if a different one."""
         self.log = log
         self.scale = usual or float(np.std(log.tilt)) or 1.0
-        steps = int((log.time[-1] - log.time[0]) / FINE_LAG_STEP_S) + 2
+        # no sample shows what is commanded long after the last one
+        last = np.max(log.sampled, initial=log.time[0]) + MAX_LEAD_S
+        steps = int((min(log.time[-1], last) - log.time[0]) / FINE_LAG_STEP_S) + 2
         self.time = float(log.time[0]) + FINE_LAG_STEP_S * np.arange(steps)
         self.driven: dict[tuple[float, ...], Array] = {}
         self.lagged: dict[tuple[float, ...], tuple[Array, Array]] = {}
         self.tried = DRIVE_EFFECTS * log.held + ("lever",) * (log.lever is None)
+
+    def on(self, log: AxisLog) -> TiltHistory:
+        """The history of another log in the same swings.
+
+        It shares what was simulated if it has the same commands: a part of the samples.
+        """
+        found, own = TiltHistory(log, self.scale), self.log
+        same = log.time is own.time and log.tilt is own.tilt and log.lever == own.lever
+        if same and len(found.time) <= len(self.time):
+            found.time, found.driven, found.lagged = self.time, self.driven, self.lagged
+        return found
 
     def at(self, time: Array, lag: float, *drive: float) -> Array:
         """Tilt in swings behind a lag in s, at times in s of any shape.
@@ -177,8 +191,10 @@ class TiltHistory:
                     turns * FINE_LAG_STEP_S
                 ) ** 2
                 place -= lever / BallPlate.gravity * bend
-            steps = np.cumsum(FINE_LAG_STEP_S * (place[1:] + place[:-1]) / 2.0)
-            covered = np.concatenate(([0.0], steps))
+            covered = np.zeros_like(place)
+            steps = np.add(place[1:], place[:-1], out=covered[1:])
+            steps *= FINE_LAG_STEP_S / 2
+            np.cumsum(steps, out=steps)
             self.lagged[whole] = place, covered
         return self.lagged[whole]
 
@@ -238,7 +254,9 @@ def residual_by_dead_band(
     """
     step_s, bands = scan.step_s, np.array(scan.dead_bands)
     time, sent = tilt.log.time, tilt.log.tilt / tilt.scale
-    grid = np.arange(time[0], time[-1], step_s)
+    seen = windows.weight[..., 0] > 0
+    last = np.max(windows.begin[:, None] + windows.time, where=seen, initial=time[0]) - delay
+    grid = np.arange(time[0], min(time[-1], last + 2 * step_s), step_s)
     place, row = np.where(abs(sent[0]) > bands, sent[0], 0.0), 0
     places = np.empty((len(grid), len(bands)))
     for k, stop in enumerate(np.searchsorted(time, grid, "right")):

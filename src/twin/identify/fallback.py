@@ -46,6 +46,7 @@ def assess_plainly(
     unit: str,
     verdicts: Sequence[ParameterVerdict],
     form: WeakForm = WEAK_FORM,
+    look: FirstLook | None = None,
 ) -> tuple[list[ParameterVerdict], list[str]]:
     """Verdicts with those of first looks where the full model leaves the gain open.
 
@@ -64,6 +65,7 @@ def assess_plainly(
         unit: Unit of the tilt.
         verdicts: Of the full model.
         form: Constants of the looks.
+        look: A first look at the log, which is not repeated where it is the one that answers.
 
     Returns:
         All verdicts, and a note on what was done.
@@ -73,7 +75,9 @@ def assess_plainly(
         return list(verdicts), []
     tried = find_possible_linkages(log)
     rolling = log.stops is not None and look_at_rolling_in_several_ways(log, tried, form)
-    first, found = join_looks(rolling or look_at_any_motion(log, tried, form)), {}
+    first, found = look, dict[str, ParameterVerdict]()
+    if rolling or log.stops or not (look and look.plain):
+        first = join_looks(rolling or look_at_any_motion(log, tried, form))
     if first is None:
         return list(verdicts), []
     why = PLAIN_WHY if first.plain else ROLLING_WHY

@@ -433,13 +433,13 @@ def _look_at(windows: WeakWindows, terms: tuple[str, ...], linkage: Linkage) -> 
     at_ends = 0.0
     if windows.rolling:
         # an end stop holds the ball against the tilt; where it only turns, the tilt pushes it back
-        tilt = grid.tilt_at(grid.time - found.delay, found.lag, linkage)
+        tilt = grid.delayed_tilt(found.delay, found.lag, linkage)
         push = found.values[0] * tilt + value["level"] + value.get("camber", 0.0) * grid.ball
         low, high = windows.near
         at_ends = float(((low & (push < -rub)) | (high & (push > rub))).mean())
     return FirstLook(
-        gain=float(found.values[0]) / grid.tilt.scale,
-        gain_std=float(found.stds[0]) / grid.tilt.scale,
+        gain=float(found.values[0]) / grid.scale,
+        gain_std=float(found.stds[0]) / grid.scale,
         delay=found.delay + found.lag,
         delay_std=max(found.delay_std, how.step_s / 2),
         level=value["level"],

@@ -106,12 +106,41 @@ class Linkage(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class GridTilt:
+    """The tilt of an axis at evenly spaced times, behind lags and linkages.
+
+    Attributes:
+        history: The tilt without a lever.
+        time: From the largest dead time before the first position to a step after the last, s,
+            shape (T,).
+    """
+
+    history: TiltHistory
+    time: Array
+    _known: dict[tuple[float, float], tuple[Array, Array]] = field(default_factory=dict, repr=False)
+
+    def behind(self, lag: float, play: float) -> tuple[Array, Array]:
+        """The tilt in swings, and what a lever of 1 m adds to it, shape (T,) each.
+
+        Args:
+            lag: s.
+            play: Half the width of the gap, in swings.
+        """
+        if (lag, play) not in self._known:
+            tilt, with_lever = (
+                self.history.at(self.time, lag, 0.0, play, 0.0, lever) for lever in (0.0, 1.0)
+            )
+            self._known[lag, play] = tilt, with_lever - tilt
+        return self._known[lag, play]
+
+
+@dataclass(frozen=True, eq=False)
 class WeakGrid:
     """Evenly spaced positions of an axis, its tilt, and the test function of one length.
 
     Attributes:
         log: The axis.
-        tilt: Its tilt without a lever.
+        tilt: Its tilt, which grids of windows of other lengths share.
         how: Constants.
         half: Half a window in steps.
         time: s, shape (N,).
@@ -122,7 +151,7 @@ class WeakGrid:
     """
 
     log: AxisLog
-    tilt: TiltHistory
+    tilt: GridTilt
     how: WeakForm
     half: int
     time: Array
@@ -130,7 +159,17 @@ class WeakGrid:
     weight: Array
     slope: Array
     bend: Array
-    _pushed: dict[tuple[float, Linkage], Array] = field(default_factory=dict, repr=False)
+    _pushed: dict[tuple[float, float], tuple[Array, Array]] = field(
+        default_factory=dict, repr=False
+    )
+    _solved: dict[tuple[bytes, tuple[str, ...], Linkage], WeakSolution | None] = field(
+        default_factory=dict, repr=False
+    )
+
+    @property
+    def scale(self) -> float:
+        """Swing of the tilt."""
+        return self.tilt.history.scale
 
     @property
     def linkage(self) -> Linkage:
@@ -166,20 +205,27 @@ class WeakGrid:
             lag: s.
             linkage: Lever and play.
         """
-        h = self.how.step_s
-        first, last = (round(each / h) for each in self.how.delays_s)
-        if (lag, linkage) not in self._pushed:
-            back = h * np.arange(last + 1, 0, -1)
-            after = self.time[-1] + h * np.arange(1, 2)
-            whole = np.concatenate((self.time[0] - back, self.time, after))
-            tilt = self.tilt_at(whole, lag, linkage)
-            self._pushed[lag, linkage] = self.apply(tilt, self.weight)
+        first, last = (round(each / self.how.step_s) for each in self.how.delays_s)
+        key = lag, linkage.play
+        if key not in self._pushed:
+            tilt, by_lever = (self.apply(each, self.weight) for each in self.tilt.behind(*key))
+            self._pushed[key] = tilt, by_lever
+        tilt, by_lever = self._pushed[key]
         delays = np.arange(first - 1, last + 2)[:, None]
-        return np.asarray(self._pushed[lag, linkage][rows + last + 1 - delays])
+        return np.asarray((tilt + linkage.lever * by_lever)[rows + last + 1 - delays])
 
-    def tilt_at(self, time: Array, lag: float, linkage: Linkage) -> Array:
-        """The tilt in swings behind a lag in s and a linkage, at times in s of any shape."""
-        return self.tilt.at(time, lag, 0.0, linkage.play, 0.0, linkage.lever)
+    def delayed_tilt(self, delay: float, lag: float, linkage: Linkage) -> Array:
+        """The tilt in swings on the grid behind a dead time of whole steps, shape (N,).
+
+        Args:
+            delay: s.
+            lag: s.
+            linkage: Lever and play.
+        """
+        tilt, by_lever = self.tilt.behind(lag, linkage.play)
+        _, last = self.how.delays_s
+        first = round((last - delay) / self.how.step_s) + 1
+        return (tilt + linkage.lever * by_lever)[first : first + len(self.time)]
 
 
 def make_grids(
@@ -194,8 +240,10 @@ def make_grids(
         windows_s: Lengths of the windows.
         how: Constants.
     """
-    h, tilt = how.step_s, TiltHistory(replace(log, lever=None))
+    h = how.step_s
     time = np.arange(log.sampled[0], log.sampled[-1], h)
+    steps = np.arange(-round(how.delays_s[1] / h) - 1, len(time) + 1)
+    tilt = GridTilt(TiltHistory(replace(log, lever=None)), log.sampled[0] + h * steps)
     ball = np.interp(time, log.sampled, log.ball)
     halves = [round(each / h / 2) for each in windows_s if np.ptp(log.tilt)]
     return [
@@ -257,15 +305,28 @@ class WeakWindows:
             terms: Terms next to gain, delay and level: damping, friction, camber.
             linkage: Lever and play.
         """
-        grid, rows, how = self.grid, self.rows, self.grid.how
-        columns = {
-            "damping": (grid.ball, grid.slope),
-            "friction": (-np.clip(self.speed / how.friction_speed_m_s, -1.0, 1.0), grid.weight),
-            "camber": (grid.ball, grid.weight),
+        # windows of another kind may be the same ones
+        known, key = self.grid._solved, (self.rows.tobytes(), terms, linkage)
+        if key not in known:
+            known[key] = self._solve_anew(terms, linkage)
+        return known[key]
+
+    @cached_property
+    def _columns(self) -> dict[str, Array]:
+        """Column of the equation by its term, shape (R,)."""
+        grid = self.grid
+        direction = np.clip(self.speed / grid.how.friction_speed_m_s, -1.0, 1.0)
+        return {
+            "level": np.full(len(self.rows), grid.weight.sum()),
+            "damping": grid.apply(grid.ball, grid.slope)[self.rows],
+            "friction": grid.apply(-direction, grid.weight)[self.rows],
+            "camber": grid.apply(grid.ball, grid.weight)[self.rows],
         }
-        level = np.full(len(rows), grid.weight.sum())
-        others = [level, *(grid.apply(*columns[term])[rows] for term in terms)]
-        found = _solve(grid, rows, np.stack(others, axis=-1), linkage)
+
+    def _solve_anew(self, terms: tuple[str, ...], linkage: Linkage) -> WeakSolution | None:
+        """As ``solve``, computed."""
+        others = np.stack([self._columns[term] for term in ("level", *terms)], axis=-1)
+        found = _solve(self.grid, self.rows, others, linkage)
         if found is None or "friction" not in terms:
             return found
         k = 2 + terms.index("friction")
@@ -321,14 +382,15 @@ def _solve(
     how, left = grid.how, grid.left[rows]
     h = how.step_s
     # one step more at each end, for the slope by the delay
-    pushed = {lag: grid.push(rows, lag, linkage) for lag in how.lags_s}
+    every = {lag: grid.push(rows, lag, linkage) for lag in how.lags_s}
+    pushed = {lag: (each, each[1:-1] ** 2) for lag, each in every.items()}
     kept, columns, off = np.ones(len(rows), bool), others, left
     lag, k = 0.0, 0
     for _ in range(3):
         if kept.sum() < 4 * how.min_windows:
             return None
         lag, k = _find_delay(pushed, others, left, kept)
-        columns = np.column_stack((pushed[lag][k], others))
+        columns = np.column_stack((every[lag][k], others))
         found = np.linalg.lstsq(columns[kept], left[kept], rcond=1e-9)[0]
         off = columns @ found - left
         usual = 1.4826 * float(np.median(np.abs(off[kept])))
@@ -338,7 +400,7 @@ def _solve(
     scatter = float((off[kept] ** 2).mean())
     share = independent / kept.sum()
     stds = _deviations(columns[kept], scatter, share)
-    turned = (pushed[lag][k + 1] - pushed[lag][k - 1]) / (2 * h)
+    turned = (every[lag][k + 1] - every[lag][k - 1]) / (2 * h)
     changes = grid.log.clock_columns(grid.time[rows])
     wider = np.column_stack((columns, turned, turned[:, None] * changes))
     values = np.linalg.lstsq(wider[kept], left[kept], rcond=1e-9)[0]
@@ -359,24 +421,27 @@ def _solve(
 
 
 def _find_delay(
-    pushed: Mapping[float, Array], others: Array, left: Array, kept: Mask
+    pushed: Mapping[float, tuple[Array, Array]], others: Array, left: Array, kept: Mask
 ) -> tuple[float, int]:
     """The lag and the index of the delay with the least residual.
 
     Args:
-        pushed: Lag to the tilt's integrals at each delay, shape (K, R).
+        pushed: Lag to the tilt's integrals at each delay and a step less and more, shape
+            (K + 2, R), and their squares at each delay, shape (K, R).
         others: The other columns, shape (R, C).
         left: Left side, shape (R,).
         kept: Windows that count, shape (R,).
     """
     basis = np.linalg.qr(others[kept])[0]
     target = left[kept] - basis @ (basis.T @ left[kept])
+    sides = np.zeros((len(kept), basis.shape[1] + 1))
+    sides[kept] = np.column_stack((basis, target))
     gained = {}
-    for lag, every in pushed.items():
-        each = every[1:-1, kept]
-        each = each - (each @ basis) @ basis.T
-        size = np.maximum((each**2).sum(axis=1), 1e-30)
-        gained[lag] = (each @ target) ** 2 / size
+    for lag, (every, squares) in pushed.items():
+        product, size = every[1:-1] @ sides, squares @ kept
+        # what is left of the tilt next to the other columns, by Pythagoras
+        rest = size - (product[:, :-1] ** 2).sum(axis=1)
+        gained[lag] = product[:, -1] ** 2 / np.maximum(rest, 1e-12 * size + 1e-30)
     lag = max(gained, key=lambda each: float(gained[each].max()))
     return lag, 1 + int(gained[lag].argmax())
 
