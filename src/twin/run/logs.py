@@ -42,6 +42,12 @@ UNIT_SCALES = {
     "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": math.radians(1)},
 }
 """SI unit to the units that a header may give instead, and their factors."""
+OTHER_SEPARATORS = {
+    ";": "';', as where a comma is the decimal point",
+    "\t": "tabs",
+    "|": "'|'",
+}
+"""What separates the columns of other programs, and what it is called."""
 
 
 def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -> dict[str, Array]:
@@ -55,17 +61,21 @@ def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -
     Raises:
         LogError: If a column is missing, a unit is unknown, a cell is no number, two columns have
             one name, rows have more cells than the header or the first has fewer, columns are not
-            separated by commas, or the file is no text.
+            separated by commas, there is no row, or the file is no text.
         OSError: If the file cannot be read.
     """
     refuse_foreign(path)
-    with io.StringIO(decode_text(path.read_bytes()), newline="") as file:
+    text = decode_text(path.read_bytes())
+    if not text.strip():
+        raise LogError(f"{path.name}: is empty")
+    with io.StringIO(text, newline="") as file:
         rows = csv.reader(file)
         first = next(rows, [])
-        if len(first) == 1 and ";" in first[0]:
+        other = [mark for mark in OTHER_SEPARATORS if len(first) == 1 and mark in first[0]]
+        if other:
             raise LogError(
-                f"{path.name}: columns are separated by ';', as where a comma is the decimal "
-                "point; write ',' between columns and '.' in numbers"
+                f"{path.name}: columns are separated by {OTHER_SEPARATORS[other[0]]}; write ',' "
+                "between columns and '.' in numbers"
             )
         header = [split_unit(cell) for cell in first]
         names = [name for name, _ in header]
@@ -78,6 +88,8 @@ def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -
             if name in units
         ]
         lines = [(rows.line_num, row) for row in rows if row]
+    if not lines:
+        raise LogError(f"{path.name}: has no row below its header")
     _check_lengths(path.name, len(first), lines)
     data = [[_number(row, i, path.name, name, line) for i, name, _ in used] for line, row in lines]
     values = np.array(data, dtype=float).reshape(len(data), len(used))
