@@ -24,9 +24,10 @@ from twin.base.errors import (
     TwinError,
     ViewError,
     naming,
+    nearest,
     plural,
 )
-from twin.base.shipped import folder, model_path
+from twin.base.shipped import find, folder, model_path, shipped_scenarios
 from twin.base.writing import check_writable, check_writable_beside, write_whole
 from twin.cli import options
 from twin.cli.output import (
@@ -368,8 +369,10 @@ LAW_NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
 @click.argument("name")
 @click.option(
     "--like",
-    type=click.Choice(list(LAW_STARTS)),
-    help="What a law begins as: pid has a memory, lqr designs on the model  [cascade]",
+    metavar="NAME",
+    shell_complete=lambda *_: [*LAW_STARTS, *shipped_scenarios()],
+    help="What a law begins as: cascade, pid (has a memory), lqr (designs on the model) or blank "
+    "[cascade]; the scenario to copy.",
 )
 def new(kind: str, name: str, like: str | None) -> int:
     """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
@@ -380,9 +383,7 @@ def new(kind: str, name: str, like: str | None) -> int:
 
     start = START_FILES[kind]
     if like is not None:
-        if kind != "law":
-            raise ScenarioError("--like: for a law only, as in: ballplate new law mine --like pid")
-        start = start._replace(**LAW_STARTS[like])
+        start = _begin_like(kind, like)
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
         raise ScenarioError(f"{file}: exists; nothing was written, choose another NAME")
@@ -395,11 +396,30 @@ def new(kind: str, name: str, like: str | None) -> int:
     if start.called[0]:
         text = re.sub(rf"\b{start.called[0]}\b", class_name, text)
         text = text.replace(f'"{start.called[1]}"', f'"{name}"')
-    else:
+    elif like is None:
         text = text.replace('"TITLE"', f'"{words}"').replace("FILE", str(file), 1)
     write_whole(file, text)
     say(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
     return 0
+
+
+def _begin_like(kind: str, like: str) -> Start:
+    """The start of a law of a kind that is known, or of a scenario that is a copy.
+
+    Raises:
+        ScenarioError: If there is none of this name, or the kind has only one start.
+    """
+    start = START_FILES[kind]
+    if kind == "scenario":
+        with naming("--like"):
+            return start._replace(source=str(find(like).resolve()))
+    if kind != "law":
+        raise ScenarioError(
+            "--like: for a law or a scenario, as in: ballplate new law mine --like pid"
+        )
+    if like not in LAW_STARTS:
+        raise ScenarioError(f"--like: no '{like[:60]}'{nearest(like, LAW_STARTS)}")
+    return start._replace(**LAW_STARTS[like])
 
 
 def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
