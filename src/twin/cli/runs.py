@@ -45,6 +45,7 @@ from twin.cli.output import (
 from twin.run.files import (
     FILM_SUFFIXES,
     NEWEST_RUN,
+    check_ending,
     check_no_scenario,
     free,
     is_last,
@@ -684,6 +685,7 @@ def export(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
             "pictures: .webp, .gif, .mp4"
         )
+    check_ending(file, FILM_SUFFIXES)
     opened = _open_runs((run,))
     with naming("--beside"):
         opened += [each for path in beside for each in _open_runs((path,))]
