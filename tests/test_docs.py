@@ -448,7 +448,7 @@ def test_every_change_of_a_scenario_that_a_page_shows_is_accepted(dropped, tmp_p
         changed |= {text.partition("=")[0] for text in (*fixed, *varied)}
     assert changed == {
         "controller", "controller.ball", "controller.kind", "parameters",
-        "plant.friction.rolling_mm",
+        "plant.friction.rolling_mm", "seed",
     }  # fmt: skip
 
 

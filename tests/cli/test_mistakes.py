@@ -93,6 +93,7 @@ LINES = {
     "run circle --out=": "--out: names no folder",
     "run circle --set duration=1 --set duration=2": "given 2 times",
     "run circle --view --serve": "choose one",
+    "run circle --rig hobby": "--rig hobby: names a file of a real rig; 'hobby' is a simulated one",
     "run circle --learn": "only with --shadow",
     "analyse sign": "not found",
     "reproduce 8.22": "no table '8.22'; there are 8.1 to 8.21 and 9.1 to 9.9",
