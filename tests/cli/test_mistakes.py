@@ -97,6 +97,7 @@ LINES = {
     "run circle --learn": "only with --shadow",
     "analyse sign": "not found",
     "reproduce 8.22": "no table '8.22'; there are 8.1 to 8.21 and 9.1 to 9.9",
+    "trace made": "made/trace.log: no such trace; only a run with --rig keeps one",
     "trace mine/note.log": "no such trace; did you mean 'mine/notes.txt'?",
     "report runs/nothing": "runs/nothing: no such run folder",
     "study frictoin": "did you mean 'friction'? (known: chapter9,",
