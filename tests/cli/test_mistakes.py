@@ -75,6 +75,7 @@ TYPED = {
 }
 """The same of a rig whose table somebody typed by hand."""
 VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=1:2:3:4")
+ARDUINO = "--columns time=t,measured_x=X:mm,command_phi=u:deg"
 ARD = "--columns time=t,measured_x=X,command_phi=u"
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
@@ -160,6 +161,8 @@ LINES = {
     "study listed.toml": """set: must be a list, got {"duration": 1}; write it as ["duration=1"]""",
     "export circle rig.FMU": "rig.FMU: unknown ending; known: .csv, .mat, .parquet, .mcap, moving",
     "export circle rig.slx": ".mp4; of a scenario: .fmu, .c",
+    f"compare ard.csv circle {ARDUINO}": "ard.csv: has no positions along y, where the scenario's",
+    f"whatif ard.csv --at 2 --scenario circle {ARDUINO}": "or a scenario along x, such as line;",
     f"identify ard.csv --ball-height 142 {ARD}": "ballplate: --ball-height: 142: give metres",
     f"identify ard.csv --ball-height 0 --parameters lever {ARD}": "--ball-height: it determines",
     "export circle mine.c": "mine: is no folder of an earlier export",

@@ -20,6 +20,7 @@ from twin.base.errors import LogError, one_line, plural, shorten
 from twin.base.foreign import decode_text
 from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M
 from twin.hal.supervisor import State
+from twin.run.controller_building import build_reference
 from twin.run.files import METADATA_KEY, is_record
 from twin.run.finished import Run
 from twin.run.foreign_logs import foreign_table, refuse_foreign
@@ -361,6 +362,27 @@ def fitting(rows: dict[str, Array], scenario: Scenario) -> list[str]:
     if np.hypot(start["x"] - own.x, start["y"] - own.y) > START_TOLERANCE_M:
         changes += [f"plant.start.{axis}={at:.6g}" for axis, at in start.items()]
     return changes
+
+
+def check_second_axis(source: str, y: Array, scenario: Scenario) -> None:
+    """Make sure that a log of x alone is not compared with a reference that moves along y.
+
+    Args:
+        source: What to call the log in messages.
+        y: Measured positions along y in m, shape (K,); all 0 in a log without them.
+        scenario: What is said to have run.
+
+    Raises:
+        LogError: If it is.
+    """
+    if scenario.plant.axes == 1 or np.nan_to_num(y).any():
+        return
+    if build_reference(scenario)(np.linspace(0, scenario.duration, 201))[0][..., 1].any():
+        raise LogError(
+            f"{source}: has no positions along y, where the scenario's reference moves, too; name "
+            "them, or a scenario along x, such as line; of a rig of one axis add "
+            "--set plant.axes=1 --set plant.kind=lagrange"
+        )
 
 
 def apart(log: Run, twin: Motion) -> float:
