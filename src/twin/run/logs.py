@@ -402,7 +402,8 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
         motions: Name to motion of all runs; those of the logs are among them.
     """
     return [
-        f"{name} and {other} are {1000 * apart(log, motion):.3g} mm (RMS) apart over x and y."
+        f"{name} and {other} are {1000 * apart(log, motion):.3g} mm (RMS) apart over "
+        f"{'x' if log.scenario.plant.axes == 1 else 'x and y'}."
         for name, log in logs.items()
         for other, motion in motions.items()
         if other not in logs
