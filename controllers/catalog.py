@@ -482,8 +482,11 @@ def _wrong(
 
 
 def _place(law: ControlLaw | Observer, method: str = "control") -> str:
-    """File and line of a method; of a held law or a predictor, those of the wrapped one."""
+    """File and line of a method, or of the function that a law is made of.
+
+    Of a held law or a predictor they are those of the wrapped one.
+    """
     while within := getattr(law, "law", None) or getattr(law, "observer", None):
         law = within
-    own = getattr(type(law), method)
-    return f"{inspect.getsourcefile(own)}, line {inspect.getsourcelines(own)[1]}"
+    code = getattr(type(law), "control_function", getattr(type(law), method)).__code__
+    return f"{code.co_filename}, line {code.co_firstlineno}"

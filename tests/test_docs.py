@@ -449,5 +449,31 @@ def test_every_change_of_a_scenario_that_a_page_shows_is_accepted(dropped, tmp_p
         changed |= {text.partition("=")[0] for text in (*fixed, *varied)}
     assert changed == {
         "controller", "controller.ball", "controller.kind", "parameters",
-        "plant.friction.rolling_mm",
+        "plant.friction.rolling_mm", "seed",
     }  # fmt: skip
+
+
+def folders_made(command):
+    """The run folders that a command writes, by its words."""
+    verb, *words = command
+    if "--out" in words:
+        return {words[words.index("--out") + 1]}
+    if verb == "run" and not {"--set", "--on", "--plant", "--rig", "--board"} & set(words):
+        return {f"runs/{words[0]}"}
+    if verb in ("identify", "whatif"):
+        return {f"runs/{verb}-{Path(words[0]).stem}"}
+    return set()
+
+
+@pytest.mark.parametrize("page", ["own-rig", "whatif", "from-matlab", "rig-in-ten-steps"])
+def test_every_run_that_a_page_opens_was_made_by_a_command_above(page):
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    blocks = "".join(re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL))
+    lines = re.findall(r"^(?:uv run )?ballplate (.*)", blocks.replace("\\\n", ""), re.MULTILINE)
+    made = set()
+    for line in lines:
+        command = shlex.split(line, comments=True)
+        opened = set(re.findall(r"(?<![\w/])runs/[\w-]+", line.partition("#")[0]))
+        assert opened <= made | folders_made(command), line
+        made |= folders_made(command)
+    assert made

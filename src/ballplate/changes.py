@@ -424,7 +424,12 @@ def law(function: Callable[..., Any]) -> type[Law]:
         function.__name__,
         fields,
         bases=(Law,),
-        namespace={"name": function.__name__, "control": control, "__doc__": function.__doc__},
+        namespace={
+            "name": function.__name__,
+            "control": control,
+            "control_function": staticmethod(function),  # whose line messages name
+            "__doc__": function.__doc__,
+        },
         frozen=True,
         kw_only=True,
     )

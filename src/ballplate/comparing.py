@@ -288,7 +288,7 @@ def runs_of_logs(
     """
     from twin.identify.any_logs import read_any
     from twin.identify.log_columns import wanted_columns
-    from twin.run.logs import fitting, log_run, read_log
+    from twin.run.logs import check_second_axis, fitting, log_run, read_log
 
     runs: list[Run] = []
     fitted: list[KeyChange] = []
@@ -307,6 +307,7 @@ def runs_of_logs(
             rows = log.on(scenario).columns
             for note in log.notes:
                 tell(f"{path.name}: {note}")
+        check_second_axis(path.name, rows["measured_y"], scenario)
         if names:
             own = changes_of(fitting(rows, scenario), {})
             fitted = fitted or own

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter, default
-from twin.base.errors import ScenarioError
+from twin.base.errors import LogError, ScenarioError
 
 if TYPE_CHECKING:
     from twin.identify import logs
@@ -144,7 +144,8 @@ def identify(
         check_hold_out(hold_out, report)
     names = [parameters] if isinstance(parameters, str) else parameters
     factor = None if ball is None else ball_factor(ball)
-    heights = None if ball_height is None else ball_heights(ball_height)
+    height = report.name_of("ball_height")
+    heights = None if ball_height is None else ball_heights(ball_height, height)
     if columns is None:
         needed = report.name_of("columns")
         if alone := "on" if on else "ball_height" if heights else "":
@@ -155,6 +156,8 @@ def identify(
         wanted = choose_parameters(",".join(names) or None)
         return Identified(_identify_run(log, wanted, 1 - hold_out, factor, report))
     fitted = choose_parameters(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
+    if heights and "lever" in fitted:
+        raise LogError(f"{height}: it determines the lever; remove lever from the parameters")
     rig = load("hold", [f"parameters={on}"]).plant.model if on else None
 
     def read(paths: str | Path | Result | Sequence[str | Path]) -> list[AnyLog]:

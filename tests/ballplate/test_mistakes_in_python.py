@@ -36,8 +36,19 @@ def heavy():
     return bp.model("circle", plant={"ball": {"mass": 0.1}})
 
 
+def no_array(t, x, reference):
+    return 0
+
+
 CALLS = {
     "did you mean 'circle'": [lambda: bp.run("cirle"), lambda: bp.systems.sampled("cirle")],
+    "a real rig; 'hobby' is a simulated one.*parameters='hobby'": [
+        lambda: bp.run("hold", on="hobby")
+    ],
+    "columns: give a text": [lambda: bp.identify("a.csv", columns={"time": "t"})],
+    "test_mistakes_in_python.py, line .*control must give plate accelerations": [
+        lambda: bp.run("hold", duration=0.1, controller=bp.law(no_array)())
+    ],
     "did you mean 'rho'": [lambda: bp.run("hold", controller={"kind": "lqr", "rh": 1})],
     "did you mean 'period'": [lambda: bp.systems.exact("circle", rig={"perod": 1})],
     "did you mean 'uncertain'": [env(family="uncertan")],

@@ -20,6 +20,10 @@ class Mine(LQR):
 FILES = {
     "log.csv": LOG + "".join(f"{0.002 * k:.3f},0.15,0,0,0\n" for k in range(200)),
     "german.csv": LOG.replace(",", ";") + "0;0,1;0;0;0\n",
+    "tabs.csv": LOG.replace(",", "\t") + "0\t0\t0\t0\t0\n",
+    "bars.csv": LOG.replace(",", "|") + "0|0|0|0|0\n",
+    "header.csv": LOG,
+    "blank.csv": " \n",
     "twice.csv": LOG.replace("measured_y [m]", "measured_x [mm]") + "0,0,0,0,0\n",
     "rig.toml": '[touch]\nport = "/dev/null"\ncalibration_file = "not-yet.json"\n',
     "there.toml": "",
@@ -71,6 +75,8 @@ TYPED = {
 }
 """The same of a rig whose table somebody typed by hand."""
 VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=1:2:3:4")
+ARDUINO = "--columns time=t,measured_x=X:mm,command_phi=u:deg"
+ARD = "--columns time=t,measured_x=X,command_phi=u"
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
     "run": "SCENARIO",
@@ -88,9 +94,11 @@ LINES = {
     "run circle --out=": "--out: names no folder",
     "run circle --set duration=1 --set duration=2": "given 2 times",
     "run circle --view --serve": "choose one",
+    "run circle --rig hobby": "--rig hobby: names a file of a real rig; 'hobby' is a simulated one",
     "run circle --learn": "only with --shadow",
     "analyse sign": "not found",
     "reproduce 8.22": "no table '8.22'; there are 8.1 to 8.21 and 9.1 to 9.9",
+    "trace made": "made/trace.log: no such trace; only a run with --rig keeps one",
     "trace mine/note.log": "no such trace; did you mean 'mine/notes.txt'?",
     "report runs/nothing": "runs/nothing: no such run folder",
     "study frictoin": "did you mean 'friction'? (known: chapter9,",
@@ -139,6 +147,10 @@ LINES = {
     "report": "no run in runs/ yet",
     "report round": "round: not a readable Parquet file",
     "identify german.csv": "columns are separated by ';'",
+    "identify tabs.csv": "columns are separated by tabs; write ','",
+    "compare bars.csv circle": "columns are separated by '|'; write ','",
+    "compare header.csv circle": "header.csv: has no row below its header",
+    "whatif blank.csv --at 0.1 --scenario circle": "blank.csv: is empty",
     "identify twice.csv": "measured_x: two columns",
     "identify ard.csv --columns time=t,measured_x=X:mm,command_phi=X": "both are column X of",
     "shadow ard.csv --on tube": "(it has t, X, u); try: ballplate shadow ard.csv --on tube --col",
@@ -147,10 +159,24 @@ LINES = {
     "run circle --on tube --on beam": "--on: given 2 times; give it once",
     "study friction --samples 8": "samples: has no effect on a grid of values",
     "study listed.toml": """set: must be a list, got {"duration": 1}; write it as ["duration=1"]""",
+    "export circle rig.FMU": "rig.FMU: unknown ending; known: .csv, .mat, .parquet, .mcap, moving",
+    "export circle rig.slx": ".mp4; of a scenario: .fmu, .c",
+    f"compare ard.csv circle {ARDUINO}": "ard.csv: has no positions along y, where the scenario's",
+    f"whatif ard.csv --at 2 --scenario circle {ARDUINO}": "or a scenario along x, such as line;",
+    f"identify ard.csv --ball-height 142 {ARD}": "ballplate: --ball-height: 142: give metres",
+    f"identify ard.csv --ball-height 0 --parameters lever {ARD}": "--ball-height: it determines",
     "export circle mine.c": "mine: is no folder of an earlier export",
     "new law afl": "law 'afl': the name is taken by controllers.classical",
     "new observer afl": "observer 'afl': the name is taken by",
-    "new observer mine --like pid": "--like",
+    "new observer mine --like pid": "--like: for a law or a scenario",
+    "new law mine2 --like PID": "--like: no 'PID'; did you mean 'pid'? (known: cascade, pid,",
+    "new scenario mine2 --like crue": "--like: scenario 'crue': not found; did you mean 'cure'?",
+    "describe LQR": "nothing called 'LQR'; did you mean 'lqr'?",
+    "run circle --set controller.kind=PID": "no 'PID'; did you mean 'pid'?",
+    "run circle duration=3": "unexpected 'duration=3'; to change a key, write --set duration=3",
+    "compare circle duration=3": "'duration=3': not found; to change a key, write --set duration=3",
+    "run circle --set controller.Q=[1, 2]": "unexpected '2]'; put a value with blanks or quotes in",
+    "compare circle --vary controller.kind=[afl, lqr]": "'lqr]': not found; put a value with",
     "new scenario there": "there.toml: exists",
     "run hold --law absent.py": "--law absent.py: no such file",
     "run hold --law notes.txt": "--law notes.txt: not a Python file",

@@ -13,6 +13,7 @@ import pytest
 
 from controllers.catalog import add, catalog, forget, outside
 from controllers.interfaces import Law, Observer, Reference
+from twin.base.shipped import shipped_scenarios
 from twin.cli.new import LAW_STARTS
 from twin.run.finished import run
 from twin.scenario import load
@@ -100,6 +101,12 @@ def test_the_scenario_and_the_study_it_writes_are_whole(new):
     assert "ballplate run first_try.toml" in Path("first_try.toml").read_text()
     assert study.title == "My study"
     assert [each.scenario for each in study.variants] == ["", "", "cure"]
+
+
+@pytest.mark.parametrize("shipped", ["cure", "thesis/9_3_075"])
+def test_a_scenario_may_begin_as_a_copy(shipped, new):
+    assert "try: ballplate run mine.toml" in new("scenario", "mine", "--like", shipped)
+    assert Path("mine.toml").read_bytes() == shipped_scenarios()[shipped].read_bytes()
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(ballplate):

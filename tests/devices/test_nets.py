@@ -93,6 +93,7 @@ def test_no_threshold_can_be_zero_negative_or_endless(settings, prefix, name, va
     ("tables", "words"),
     [
         ({"drives": {"silence": 0.5}}, "drives.silence = 0.5 (default 0.06)"),
+        ({"drives": {"shaft_lag": 0.019894367886}}, "drives.shaft_lag = 0.01989 (default 0.0)"),
         ({"drives": {"torque_limit": 6.0}}, "drives.torque_limit = 6.0 (default 4.5)"),
         ({"drives": {"watch": {"stale": 100}}}, "drives.watch.stale = 100 (default 10)"),
         ({"drives": {"watch": {"slack": (0.02, 0.01)}}}, "drives.watch.slack"),

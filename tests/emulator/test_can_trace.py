@@ -160,7 +160,7 @@ def test_events_are_written_as_csv(wired, said):
     lines = (folder / "events.csv").read_text().splitlines()
     assert code == 0
     assert lines[0] == "time [s],who,kind,text"
-    assert "written: events.csv" in out
+    assert "written to events.csv" in out
     assert any(line.endswith("host,NMT,start: node 1") for line in lines)
 
 

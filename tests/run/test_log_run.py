@@ -49,6 +49,13 @@ def test_a_bare_log_lies_on_the_run_it_was_taken_from(made, tmp_path):
     )
 
 
+def test_a_log_of_one_axis_is_apart_from_another_run_along_that_axis():
+    rows = {name: np.zeros(20) for name in COLUMNS} | {"time": 0.01 * np.arange(20)}
+    found = log_run(rows, load("line", ["parameters=tube", "sensors.touch.dead_time=0"]), "log")
+    (said,) = distances({"log": found}, {"log": found.motion, "twin": found.motion})
+    assert said == "log and twin are 0 mm (RMS) apart over x."
+
+
 def test_columns_that_a_log_has_are_used_as_they_are(made, tmp_path):
     log = read_log(write(tmp_path / "log.csv", made.rows, made.rows, made.rows))
     found = log_run(log, load("circle", CHANGES), "log")

@@ -424,3 +424,16 @@ def test_a_log_of_commands_and_slow_frames_is_gone_on_with(tmp_path):
     assert not moment.exact
     assert moment.before_mm < SYNCHRONISATION.max_distance_mm
     assert one(moment, lasting=1.5).max_difference < 5e-3
+
+
+@pytest.mark.long
+def test_an_observer_that_learns_friction_knows_it_from_a_log(tmp_path):
+    """8 s of the log were too few: the cure then strayed by 49 mm from a record of 25 s."""
+    keys = ("plant.kind=lagrange", "duration=20", "baseline=false", "seed=32")
+    done = finished.run(load("cure", keys))
+    finished.record_run(done, tmp_path / "cure")
+    log = log_of(tmp_path / "cure", tmp_path / "log.csv")
+    (future,) = futures(moment_of(log, 17.0, "cure", keys), 3.0, [()])
+    known = future.run.motion.time
+    true = np.stack([np.interp(known, done.motion.time, axis) for axis in done.motion.ball.T], 1)
+    assert np.hypot(*(future.run.motion.ball - true).T).max() < 0.005

@@ -67,9 +67,23 @@ def nearest(name: object, known: Iterable[str]) -> str:
 
 
 def suggest(name: object, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: which is nearest; empty if none is near."""
-    close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.5)
+    """The end of a message about an unknown name: which is nearest; empty if none is near.
+
+    A name that differs in capital letters alone is the nearest.
+    """
+    names = list(known)
+    close = [each for each in names if each.casefold() == str(name).casefold()]
+    close = close or difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
     return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def suggest_setting(word: str) -> str:
+    """The end of a message about a word that may belong to ``--set``; empty if it does not."""
+    if "=" in word:
+        return f"; to change a key, write --set {shorten(word)}"
+    if word.endswith(("]", "}")):
+        return "; put a value with blanks or quotes in quotes, as in --set 'controller.Q=[1, 2]'"
+    return ""
 
 
 def shorten(text: str) -> str:

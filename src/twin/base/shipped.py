@@ -11,7 +11,7 @@ from pathlib import Path
 
 import controllers
 from twin.base.data_file import DataError, read_toml
-from twin.base.errors import ScenarioError, shorten, suggest
+from twin.base.errors import ScenarioError, shorten, suggest, suggest_setting
 
 OTHER_FOLDERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs", "bench"}
 """Folders of files that are no scenarios."""
@@ -101,6 +101,8 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
         return f"; that is a folder, a {what} is a TOML file"
     if near := nearest_neighbour(Path(name)):
         return near
+    if what == "scenario" and (setting := suggest_setting(name)):
+        return setting
     every = f"; `ballplate {LISTING_COMMANDS[what]}` lists all" if what in LISTING_COMMANDS else ""
     meant = suggest(name, known)
     return f"{meant} (known: {', '.join(each for each in known if '/' not in each)}{every})"

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import click
 
 from twin.base.data_file import read_toml
-from twin.base.errors import ScenarioError
-from twin.base.shipped import folder
+from twin.base.errors import ScenarioError, naming, nearest
+from twin.base.shipped import find, folder, shipped_scenarios
 from twin.base.writing import write_whole
 from twin.cli import options
 from twin.cli.output import say
@@ -44,8 +44,10 @@ LAW_NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
 @click.argument("name")
 @click.option(
     "--like",
-    type=click.Choice(list(LAW_STARTS)),
-    help="What a law begins as: pid has a memory, lqr designs on the model  [cascade]",
+    metavar="NAME",
+    shell_complete=lambda *_: [*LAW_STARTS, *shipped_scenarios()],
+    help="What a law begins as: cascade, pid (has a memory), lqr (designs on the model) or blank "
+    "[cascade]; the scenario to copy.",
 )
 def new(kind: str, name: str, like: str | None) -> int:
     """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
@@ -56,9 +58,7 @@ def new(kind: str, name: str, like: str | None) -> int:
 
     start = START_FILES[kind]
     if like is not None:
-        if kind != "law":
-            raise ScenarioError("--like: for a law only, as in: ballplate new law mine --like pid")
-        start = start._replace(**LAW_STARTS[like])
+        start = _begin_like(kind, like)
     is_class = bool(start.called[0])
     file = Path("laws") / f"{name}.py" if is_class else Path(f"{name}.toml")
     if file.exists():
@@ -73,8 +73,27 @@ def new(kind: str, name: str, like: str | None) -> int:
     if is_class:
         text = re.sub(rf"\b{start.called[0]}\b", class_name, text)
         text = text.replace(f'"{start.called[1]}"', f'"{name}"')
-    else:
+    elif like is None:
         text = text.replace('"TITLE"', f'"{words}"').replace("FILE", str(file), 1)
     write_whole(file, text)
     say(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
     return 0
+
+
+def _begin_like(kind: str, like: str) -> Start:
+    """The start of a law of a kind that is known, or of a scenario that is a copy.
+
+    Raises:
+        ScenarioError: If there is none of this name, or the kind has only one start.
+    """
+    start = START_FILES[kind]
+    if kind == "scenario":
+        with naming("--like"):
+            return start._replace(source=str(find(like).resolve()))
+    if kind != "law":
+        raise ScenarioError(
+            "--like: for a law or a scenario, as in: ballplate new law mine --like pid"
+        )
+    if like not in LAW_STARTS:
+        raise ScenarioError(f"--like: no '{like[:60]}'{nearest(like, LAW_STARTS)}")
+    return start._replace(**LAW_STARTS[like])

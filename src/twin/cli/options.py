@@ -18,7 +18,7 @@ from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.rig_access import EMULATED_RIG
 from controllers import LAWS_CLOSED_VARIABLE
-from twin.base.errors import ScenarioError, ViewError, naming, plural
+from twin.base.errors import ScenarioError, ViewError, naming, plural, shorten, suggest_setting
 from twin.base.shipped import chosen, find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
 from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
@@ -61,12 +61,17 @@ class Command(click.Command):
         """Parse the arguments, with the folder ``laws`` left alone where the command only reads.
 
         Raises:
-            ScenarioError: If an option that takes one value is given more than once.
+            ScenarioError: If an option that takes one value is given more than once, or a word
+                belongs to ``--set``.
         """
         ctx.meta["typed"] = list(args)
         given: list[click.Parameter] = []
+        left: list[str] = []
         if not ctx.resilient_parsing:  # as while a line is completed
-            _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+            _, left, given = self.make_parser(ctx).parse_args(args=list(args))
+        has_set = any("--set" in option.opts for option in self.params)
+        if has_set and left and (hint := suggest_setting(left[0])):
+            raise ScenarioError(f"unexpected '{shorten(left[0])}'{hint}")
         for option in set(given):
             if not isinstance(option, click.Option) or option.multiple or option.is_flag:
                 continue

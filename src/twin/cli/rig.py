@@ -485,7 +485,7 @@ def trace(
         shown.append(Table("", (when, "who", "kind", "what"), rows, words=(1, 2, 3)))
     else:
         shown.append(dim("more: --all for what each node sent, values and events"))
-    show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
+    show({**summary, "events": events}, (*shown, *(f"written to {each}" for each in written)))
     return int(check and not verdict.good)
 
 

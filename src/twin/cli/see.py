@@ -13,7 +13,7 @@ from twin.base.errors import RecordError, ViewError, naming, plural
 from twin.base.writing import check_writable, check_writable_beside, write_whole
 from twin.cli import options
 from twin.cli.output import TERMINAL, say
-from twin.run.exporters import FILM_SUFFIXES
+from twin.run.exporters import FILM_SUFFIXES, check_ending
 from twin.run.files import NEWEST_RUN, check_no_scenario, is_last, is_log, last
 
 if TYPE_CHECKING:
@@ -282,6 +282,7 @@ def export(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
             "pictures: .webp, .gif, .mp4"
         )
+    check_ending(file, FILM_SUFFIXES)
     opened = _open_runs((run,))
     with naming("--beside"):
         opened += [each for path in beside for each in _open_runs((path,))]

@@ -67,11 +67,16 @@ class Ranged:
     def relaxed(self) -> tuple[str, ...]:
         """Every net that is wider than by default, as a text: key, value and default."""
         return tuple(
-            f"{self.keys}{each.name} = {getattr(self, each.name)} (default {each.default})"
+            f"{self.keys}{each.name} = {_short(getattr(self, each.name))} (default {each.default})"
             for each in fields(self)
             if (sense := each.metadata.get("net"))
             and wider(getattr(self, each.name), each.default, sense)
         )
+
+
+def _short(value: Any) -> Any:
+    """A number with the digits that a person reads."""
+    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def wider(value: Any, default: Any, sense: int = 1) -> bool:

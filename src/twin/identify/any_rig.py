@@ -83,8 +83,6 @@ def identify_axes(
     """
     ball = ball or BallPlate()
     factor = factor or ball.c1
-    if heights and "lever" in names:
-        raise LogError("ball_height: it determines the lever; remove lever from the parameters")
     more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]

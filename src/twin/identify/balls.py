@@ -36,8 +36,12 @@ def ball_inertia(mass: float, radius: float, factor: float) -> float:
     return mass * radius**2 * (1 / factor - 1)
 
 
-def ball_heights(text: str | float) -> tuple[float, float]:
+def ball_heights(text: str | float, option: str) -> tuple[float, float]:
     """Heights of a ball's centre above the plate's axis along x and y, m: one for both, or two.
+
+    Args:
+        text: A number, or two with a comma between.
+        option: What a message calls it.
 
     Raises:
         LogError: If they are no such heights.
@@ -50,7 +54,7 @@ def ball_heights(text: str | float) -> tuple[float, float]:
         BALL_HEIGHT_RANGE_M[0] <= each <= BALL_HEIGHT_RANGE_M[1] for each in heights
     ):
         raise LogError(
-            f"ball_height: {text}: give metres from the axis about which the plate tilts up to the "
+            f"{option}: {text}: give metres from the axis about which the plate tilts up to the "
             f"ball's centre, {BALL_HEIGHT_RANGE_M[0]:g} to {BALL_HEIGHT_RANGE_M[1]:g}, "
             "or two of them, along x and y: X,Y"
         )

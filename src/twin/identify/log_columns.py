@@ -78,6 +78,8 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     Raises:
         LogError: If a role is unknown, given twice, or required and missing, or commas are missing.
     """
+    if not isinstance(text, str):
+        raise LogError("columns: give a text, as in 'time=t:ms,measured_x=X:mm,command_phi=u:deg'")
     text = MATRIX_COLUMN.sub(_name_matrix_column, text)
     if "," not in text and text.count("=") > 1 and " " in text.strip():
         parts = re.split(r"\s+(?=\w+=)", text.strip())

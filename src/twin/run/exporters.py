@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,11 +49,27 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
         RecordError: If the ending is none of these, a package for it is missing, or the file cannot
             be written.
     """
-    write = WRITERS.get(path.suffix)
-    if write is None:
-        known, moves = ", ".join(WRITERS), ", ".join(FILM_SUFFIXES)
-        raise RecordError(f"{path}: unknown ending; known: {known}, moving pictures: {moves}")
+    check_ending(path)
+    write = WRITERS[path.suffix]
     write_whole(path, lambda target: write(target, columns, units, about or {}))
+
+
+def check_ending(path: Path, more: Sequence[str] = ()) -> None:
+    """Make sure that columns can be written into a file of this ending.
+
+    Args:
+        path: The file.
+        more: Further endings that are allowed.
+
+    Raises:
+        RecordError: If they cannot.
+    """
+    if path.suffix not in (*WRITERS, *more):
+        known, moves = ", ".join(WRITERS), ", ".join(FILM_SUFFIXES)
+        raise RecordError(
+            f"{path}: unknown ending; known: {known}, moving pictures: {moves}; of a scenario: "
+            ".fmu, .c"
+        )
 
 
 def _csv(path: Path, columns: Columns, units: Units, about: About) -> None:

@@ -19,6 +19,7 @@ from twin.base.errors import LogError, one_line, plural, shorten
 from twin.base.foreign import decode_text
 from twin.hal.interface import AXIS_NAMES, SCREEN_SIZE_M
 from twin.hal.supervisor import State
+from twin.run.controller_building import build_reference
 from twin.run.exporters import METADATA_KEY
 from twin.run.files import is_record
 from twin.run.finished import Run
@@ -33,6 +34,13 @@ from twin.scenario.schema import Scenario
 if TYPE_CHECKING:
     import pyarrow as pa
 
+OTHER_SEPARATORS = {
+    ";": "';', as where a comma is the decimal point",
+    "\t": "tabs",
+    "|": "'|'",
+}
+"""What separates the columns of other programs, and what it is called."""
+
 
 def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -> dict[str, Array]:
     """The columns of known names in SI units, shape (K,) each; NaN where a cell is empty.
@@ -45,17 +53,21 @@ def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -
     Raises:
         LogError: If a column is missing, a unit is unknown, a cell is no number, two columns have
             one name, rows have more cells than the header or the first has fewer, columns are not
-            separated by commas, or the file is no text.
+            separated by commas, there is no row, or the file is no text.
         OSError: If the file cannot be read.
     """
     refuse_foreign(path)
-    with io.StringIO(decode_text(path.read_bytes()), newline="") as file:
+    text = decode_text(path.read_bytes())
+    if not text.strip():
+        raise LogError(f"{path.name}: is empty")
+    with io.StringIO(text, newline="") as file:
         rows = csv.reader(file)
         first = next(rows, [])
-        if len(first) == 1 and ";" in first[0]:
+        other = [mark for mark in OTHER_SEPARATORS if len(first) == 1 and mark in first[0]]
+        if other:
             raise LogError(
-                f"{path.name}: columns are separated by ';', as where a comma is the decimal "
-                "point; write ',' between columns and '.' in numbers"
+                f"{path.name}: columns are separated by {OTHER_SEPARATORS[other[0]]}; write ',' "
+                "between columns and '.' in numbers"
             )
         header = [split_unit(cell) for cell in first]
         names = [name for name, _ in header]
@@ -68,6 +80,8 @@ def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -
             if name in units
         ]
         lines = [(rows.line_num, row) for row in rows if row]
+    if not lines:
+        raise LogError(f"{path.name}: has no row below its header")
     _check_lengths(path.name, len(first), lines)
     data = [[_number(row, i, path.name, name, line) for i, name, _ in used] for line, row in lines]
     values = np.array(data, dtype=float).reshape(len(data), len(used))
@@ -330,6 +344,27 @@ def fitting(rows: dict[str, Array], scenario: Scenario) -> list[str]:
     return changes
 
 
+def check_second_axis(source: str, y: Array, scenario: Scenario) -> None:
+    """Make sure that a log of x alone is not compared with a reference that moves along y.
+
+    Args:
+        source: What to call the log in messages.
+        y: Measured positions along y in m, shape (K,); all 0 in a log without them.
+        scenario: What is said to have run.
+
+    Raises:
+        LogError: If it is.
+    """
+    if scenario.plant.axes == 1 or np.nan_to_num(y).any():
+        return
+    if build_reference(scenario)(np.linspace(0, scenario.duration, 201))[0][..., 1].any():
+        raise LogError(
+            f"{source}: has no positions along y, where the scenario's reference moves, too; name "
+            "them, or a scenario along x, such as line; of a rig of one axis add "
+            "--set plant.axes=1 --set plant.kind=lagrange"
+        )
+
+
 def apart(log: Run, twin: Motion) -> float:
     """Root mean square distance in m of the ball in a log and in a prediction of it."""
     time = log.motion.time
@@ -347,7 +382,8 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
         motions: Name to motion of all runs; those of the logs are among them.
     """
     return [
-        f"{name} and {other} are {1000 * apart(log, motion):.3g} mm (RMS) apart over x and y."
+        f"{name} and {other} are {1000 * apart(log, motion):.3g} mm (RMS) apart over "
+        f"{'x' if log.scenario.plant.axes == 1 else 'x and y'}."
         for name, log in logs.items()
         for other, motion in motions.items()
         if other not in logs

@@ -13,7 +13,6 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from difflib import get_close_matches
 from functools import cache
 from itertools import chain
 from types import ModuleType
@@ -23,7 +22,7 @@ from docstring_parser import Docstring, DocstringParam, parse, parse_from_object
 from docstring_parser.attrdoc import AttributeDocstrings
 from pydantic import BaseModel
 
-from twin.base.errors import ScenarioError, shorten
+from twin.base.errors import ScenarioError, shorten, suggest
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.validation import is_table
 from twin.scenario.load import not_run
@@ -126,8 +125,7 @@ def find_keys(name: str = "") -> list[Key]:
     if not (found or called):
         names = {key.key for key in every} | {part for key in every for part in key.key.split(".")}
         names |= kinds.keys() | {kind.partition(".")[2] for kind in kinds}
-        close = get_close_matches(name, sorted(names), n=1, cutoff=0.5)
-        hint = f"; did you mean '{close[0]}'?" if close else ";"
+        hint = suggest(name, sorted(names)) or ";"
         raise ScenarioError(
             f"nothing called '{shorten(name)}'{hint} `ballplate describe` lists every key"
             + not_run()

@@ -17,6 +17,7 @@ from pydantic import Field, create_model, model_validator
 from pydantic.errors import PydanticUserError
 
 from twin.base.errors import ScenarioError
+from twin.base.shipped import shipped_in
 from twin.base.validation import read_tables
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, DriveSettings
 from twin.devices.common import wider
@@ -226,6 +227,11 @@ def read_rig(file: Path) -> RigFile:
     Raises:
         TwinError: If it cannot be read, or anything in it is unknown or out of range.
     """
+    if str(file) in shipped_in("rigs") and not file.exists():
+        raise ScenarioError(
+            f"--rig {file}: names a file of a real rig; '{file}' is a simulated one: --on {file}, "
+            f"in Python parameters='{file}'"
+        )
     tables = read_tables(file, f"--rig {file}")
     places = [(tables, "backend"), (tables, "cams"), (tables.get("touch"), "calibration_file")]
     halves = (tables.get("drives"), tables.get("touch"))

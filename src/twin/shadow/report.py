@@ -224,8 +224,8 @@ def sentences(found: Shadow) -> list[str]:
     elif found.verdict == "cannot tell" and found.taught:
         words.append(
             f"Cannot tell: the twin learned from the first {LEARNING_S:g} of the log's "
-            f"{length:.0f} usable seconds; after them the ball moved for {moved_s:.1f} s, and "
-            f"{LEAST_TOLD:g} s are needed. That is no sign of health."
+            f"{length:.0f} usable seconds; after them the ball moved for less than the "
+            f"{LEAST_TOLD:g} s that are needed ({moved_s:.3g} s). That is no sign of health."
         )
     elif found.verdict == "cannot tell":
         words.append(

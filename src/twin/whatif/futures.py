@@ -22,6 +22,7 @@ from twin.identify.prepare import check_ranges
 from twin.run.assemble import assemble
 from twin.run.files import WHATIF_FILE, forget, free, is_log, is_record, record_of, short_key, slug
 from twin.run.finished import Run, draw_runs, record_run, versions
+from twin.run.logs import check_second_axis
 from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.opened import open_run
@@ -227,6 +228,7 @@ def moment_of(
             check_ranges(log)
         else:
             log = read_any(path, wanted_columns(columns), separator).on(chosen)
+        check_second_axis(path.name, log.ball[:, 1], chosen)
         return estimate_moment(path.stem, make_replayable(log, chosen, at), chosen, at)
     options = {"scenario": scenario, "on": settings, "columns": columns, "separator": separator}
     if given := [name for name, value in options.items() if value]:

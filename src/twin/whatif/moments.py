@@ -128,7 +128,7 @@ class Synchronisation:
     catch_up_s: float = 0.3
     plate_time_constant_s: float = 0.1
     smoothed_rows: int = 21
-    observer_s: float = 8.0
+    observer_s: float = 60.0
     compared_s: float = 1.0
     max_distance_mm: float = 5.0
 

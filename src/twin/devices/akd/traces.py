@@ -127,7 +127,9 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     frames: list[TracedFrame] = []
     files = parts(path)
     if not files:
-        raise LogError(f"{path}: no such trace{nearest_neighbour(path)}")
+        simulated = (path.parent / "run.parquet").is_file()
+        why = "; only a run with --rig keeps one" if simulated else ""
+        raise LogError(f"{path}: no such trace{nearest_neighbour(path) or why}")
     timed = True
     for file in files:
         notes = Notes()
