@@ -263,11 +263,14 @@ def compare(forecasts: Sequence[Mapping[str, Any]], further: Sequence[float]) ->
     own, same, twice = (each["score"] for each in forecasts)
     there = further[0] / further[1]
     met = "" if max(own / twice, there) <= 1 else "not "
+    sizes = {key: widths(forecasts[0], n) / widths(forecasts[2], n) for n, key in SHOWN.items()}
+    wider = ", ".join(f"`{key}` ({size:.1f} times)" for key, size in sizes.items() if size > 1)
     return (
         f"In the same time its half widths are {own / same:.2f} times those of `{SCENARIO}` "
         f"(geometric mean), and {own / twice:.2f} times those of `{SCENARIO}` in twice the time; "
         f"on the nominal rig and {COMPARED_RIGS} rigs of one more draw, {there:.2f} times. "
-        f"The goal, the same widths in half the time, is {met}met."
+        f"The goal, the same mean in half the time, is {met}met. Wider in the median than in twice "
+        f"the time: {wider or 'none'}."
     )
 
 

@@ -60,6 +60,8 @@ def test_random_motions_and_changed_ones_stay_within_their_ranges():
     assert (one.goals[1:, 0] * one.goals[:-1, 0] < 0).all()
     # the first stroke is a short one
     assert np.hypot(*one.goals.T) == pytest.approx([how.first_share, *[1.0] * (len(one.goals) - 1)])
+    changed = [one.change(random, MOTION_SEARCH) for _ in range(20)]
+    assert max(np.hypot(*each.goals[0]) for each in changed) < 0.5
     for _ in range(20):
         one = one.change(random, how)
         assert np.abs(one.goals).max() <= 1

@@ -44,7 +44,7 @@ from twin.shadow.belief import logs
 
 PROCESSOR_S_PER_S, SLOWEST_RATIO = 0.25, 3
 """Processor time of a forecast of one rig in s for each second of its run, and a factor on it."""
-SIMULATION_S_PER_S = 0.03
+SIMULATION_S_PER_S = 0.01
 """The same of a simulation alone."""
 LAW_TABLES = ("controller", "observer", "predictor")
 """Tables of a scenario that an optimised motion takes over."""
