@@ -1,19 +1,19 @@
-"""A motion optimised for its information: goals between which the ball rolls, stops and starts.
+"""A motion optimised for its information: the ball starts from rest, then rolls to and fro.
 
 A motion is a list of goals, an interval and a filter. Some are drawn at random; those that tell
 most of a few rigs are changed a little, and the best is kept. It becomes a scenario, with lengths
 of the usual operating area: on a rig with a smaller one they shrink with it.
 
-Goals lie on one side and the other by turns, and the interval leaves the ball the time to rest. The
-speed at the start of a window is known where the ball rests, and unknown where it rolls. From rest
-all but a constant of the way a T^2/2 tells an acceleration a, not only what no straight line
-follows: the information is 16 times as much (1/20 - 1/36 over 1/720). So strokes as long as a
-window, each from rest, tell most of friction and level; breakaway shows at each start, and the dead
-time at the speed of a long stroke.
+Breakaway shows only where a ball starts that has rested, and most where the plate tilts slowly: the
+ball then waits longest for the tilt that it needs. On most rigs it rests nowhere but at the start,
+as the law moves it on after a stroke. So it rests at the centre first, and the first stroke is a
+short one. Then goals lie on one side and the other by turns. Dead time and drives show where speeds
+change much within a short time, so strokes follow each other without a rest.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,6 +44,8 @@ from twin.shadow.belief import logs
 
 PROCESSOR_S_PER_S, SLOWEST_RATIO = 0.25, 3
 """Processor time of a forecast of one rig in s for each second of its run, and a factor on it."""
+SIMULATION_S_PER_S = 0.01
+"""The same of a simulation alone."""
 LAW_TABLES = ("controller", "observer", "predictor")
 """Tables of a scenario that an optimised motion takes over."""
 
@@ -63,26 +65,35 @@ class MotionSearch:
         time_constants_s: Smallest and largest time constant of the filter of the goals.
         reaches: Smallest and largest distance of goals as a share of the operating area.
         change: Standard deviation of a change, as a share of each range.
+        rest_s: Time in s that the ball rests at the centre at first.
+        first_share: Distance of the first goal over that of the others.
         tested_rigs: Number of drawn rigs on which the ball must stay on the plate.
         kept_share: Share of them on which it must.
         shrinkage: Factor on the reach where it does not.
-        shrinkages: Largest number of such factors.
+        tests: Largest number of motions that are tested so.
     """
 
     seed: int = 0
     first: int = 8
     parents: int = 2
     children: int = 2
-    rounds: int = 2
+    rounds: int = 1
     rigs: int = 2
-    intervals_s: tuple[float, float] = (2.2, 3.2)
-    time_constants_s: tuple[float, float] = (0.2, 0.35)
-    reaches: tuple[float, float] = (0.6, 0.9)
+    intervals_s: tuple[float, float] = (1.2, 1.9)
+    time_constants_s: tuple[float, float] = (0.15, 0.22)
+    reaches: tuple[float, float] = (0.35, 0.65)
     change: float = 0.15
+    rest_s: float = 0.6
+    first_share: float = 0.2
     tested_rigs: int = 40
     kept_share: float = 0.95
-    shrinkage: float = 0.8
-    shrinkages: int = 4
+    shrinkage: float = 0.9
+    tests: int = 8
+
+    @property
+    def motions(self) -> int:
+        """Number of motions that are compared."""
+        return self.first + self.rounds * self.parents * self.children
 
 
 MOTION_SEARCH = MotionSearch()
@@ -90,19 +101,21 @@ MOTION_SEARCH = MotionSearch()
 
 @dataclass(frozen=True)
 class Motion:
-    """Goals of the ball, one after the other.
+    """The ball rests at the centre, then follows goals.
 
     Attributes:
         goals: Shares of the reach along x and y, -1 to 1, shape (K, 2).
         interval: Time from goal to goal in s.
         time_constant: Of the filter of the goals, s.
         reach: Distance of the farthest goals as a share of the operating area.
+        rest: Time of the first goal in s.
     """
 
     goals: Array
     interval: float
     time_constant: float
     reach: float
+    rest: float = MOTION_SEARCH.rest_s
 
     @classmethod
     def draw(cls, seconds: float, random: np.random.Generator, how: MotionSearch) -> Motion:
@@ -111,8 +124,10 @@ class Motion:
         angles = random.uniform(-np.pi / 2, np.pi / 2, count)
         sides = (-1.0) ** np.arange(count)
         goals = sides[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+        goals[0] *= how.first_share
         ends = (how.intervals_s, how.time_constants_s, how.reaches)
-        return cls(goals, *(float(random.uniform(*each)) for each in ends))
+        interval, time_constant, reach = (float(random.uniform(*each)) for each in ends)
+        return cls(goals, interval, time_constant, reach, how.rest_s)
 
     def change(self, random: np.random.Generator, how: MotionSearch) -> Motion:
         """A motion a little different from this one."""
@@ -121,23 +136,26 @@ class Motion:
             step = how.change * (ends[1] - ends[0]) * random.standard_normal()
             return float(np.clip(value + step, *ends))
 
-        goals = self.goals + 2 * how.change * random.standard_normal(self.goals.shape)
-        return Motion(
-            np.clip(goals, -1, 1),
-            moved(self.interval, how.intervals_s),
-            moved(self.time_constant, how.time_constants_s),
-            moved(self.reach, how.reaches),
+        steps = 2 * how.change * random.standard_normal(self.goals.shape)
+        steps[0] *= how.first_share
+        return replace(
+            self,
+            goals=np.clip(self.goals + steps, -1, 1),
+            interval=moved(self.interval, how.intervals_s),
+            time_constant=moved(self.time_constant, how.time_constants_s),
+            reach=moved(self.reach, how.reaches),
         )
 
     def points(self, seconds: float) -> list[list[float]]:
-        """Time in s and place in m of each goal, in the usual operating area."""
+        """Time in s and place in m of the centre and each goal, in the usual operating area."""
         area = self.reach * np.array(RigLimitsTable().area)
-        times = self.interval * np.arange(len(self.goals))
-        return [
+        times = self.rest + self.interval * np.arange(len(self.goals))
+        goals = [
             [round(float(time), 3), *(round(float(each), 4) for each in area * goal)]
             for time, goal in zip(times, self.goals, strict=True)
             if time < seconds
         ]
+        return [[0.0, 0.0, 0.0], *goals]
 
     def text(self, base: str, seconds: float) -> str:
         """The motion as a scenario in TOML.
@@ -160,6 +178,23 @@ class Motion:
             f"reference = {inline(reference)}",
         ]
         return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredMotion:
+    """A motion and what it tells; of two the better one is less.
+
+    Attributes:
+        score: As ``MotionForecast`` has it; infinite if a ball left the plate.
+        motion: The motion.
+    """
+
+    score: float
+    motion: Motion
+
+    def __lt__(self, other: ScoredMotion) -> bool:
+        """Whether it tells more, or reaches less far where balls left the plate."""
+        return (self.score, self.motion.reach) < (other.score, other.motion.reach)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,9 +283,9 @@ def describe_work(
         how: Constants of the search.
     """
     count, rigs = motions or len(EXCITATIONS[choice.axes]), choice.rigs + 1
-    searched = how.first + how.rounds * how.parents * how.children
-    forecasts = rigs * (count + optimise) + (how.rigs + 1) * searched * optimise
+    forecasts = rigs * (count + optimise) + (how.rigs + 1) * how.motions * optimise
     least = forecasts * seconds * PROCESSOR_S_PER_S
+    least += optimise * how.tested_rigs * seconds * SIMULATION_S_PER_S
     many = "a motion" if count == 1 else f"{count} motions"
     return (
         f"forecasting {many} of {seconds:g} s on "
@@ -293,9 +328,7 @@ def optimise_motion(
     asked = check_plan(seconds, choice, names)
     random = np.random.default_rng(how.seed)
     compared = replace(choice, rigs=how.rigs, draw=choice.draw + 1)
-    # drives show in any motion, and are costly to forecast
-    searched = tuple(name for name in asked if name != "servo") or asked
-    work = how.first + how.rounds * how.parents * how.children
+    tested = replace(choice, rigs=how.tested_rigs, draw=choice.draw + 2)
     done = 0
     with TemporaryDirectory() as folder:
         file = Path(folder) / "motion.toml"
@@ -304,38 +337,42 @@ def optimise_motion(
             write_whole(file, motion.text(base, seconds))
             return rigs.scenarios(file, seconds)
 
-        def score(motions: Sequence[Motion]) -> list[tuple[float, Motion]]:
+        def score(motions: Sequence[Motion]) -> list[ScoredMotion]:
             nonlocal done
             runs = [simulate(motion, compared) for motion in motions]
             every = logs([(believed, rig) for believed, rigs in runs for rig in rigs])
             found = []
             for motion, (_, rigs) in zip(motions, runs, strict=True):
                 own, every = every[: len(rigs)], every[len(rigs) :]
-                told = forecast_runs(file, seconds, rigs, own, searched, share)
-                found.append((told.score, motion))
+                told = math.inf
+                if all(keeps_ball(log, seconds) for log in own):
+                    told = forecast_runs(file, seconds, rigs, own, asked, share).score
+                found.append(ScoredMotion(told, motion))
                 done += 1
-                progress(0.8 * done / work)
+                progress(min(0.8, 0.8 * done / how.motions))
             return found
 
-        best = score([Motion.draw(seconds, random, how) for _ in range(how.first)])
+        every = score([Motion.draw(seconds, random, how) for _ in range(how.first)])
         for _ in range(how.rounds):
-            best = sorted(best, key=lambda each: each[0])[: how.parents]
-            best += score([each[1].change(random, how) for each in best * how.children])
-        _, motion = min(best, key=lambda each: each[0])
-        tested = replace(choice, rigs=how.tested_rigs, draw=choice.draw + 2)
-        for _ in range(how.shrinkages + 1):
-            believed, rigs = simulate(motion, tested)
+            parents = sorted(every)[: how.parents]
+            every += score([each.motion.change(random, how) for each in parents * how.children])
+        for _ in range(how.tests):
+            best = min(every)
+            believed, rigs = simulate(best.motion, tested)
             recorded = logs([(believed, rig) for rig in rigs[1:]])
             kept = sum(keeps_ball(log, seconds) for log in recorded)
             if kept >= how.kept_share * how.tested_rigs:
                 break
-            motion = replace(motion, reach=how.shrinkage * motion.reach)
+            # with less reach it may tell less than the next best
+            every.remove(best)
+            every += score([replace(best.motion, reach=how.shrinkage * best.motion.reach)])
         else:
             raise ScenarioError(
                 f"{base}: no motion was found that keeps the ball on the plate of "
                 f"{100 * how.kept_share:g} % of the rigs under its law; give another --scenario"
             )
         progress(0.9)
+        motion = best.motion
         write_whole(file, motion.text(base, seconds))
         forecast = forecast_motion(file, seconds, choice, asked, share)
     progress(1.0)
