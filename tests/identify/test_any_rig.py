@@ -663,7 +663,10 @@ def test_gain_and_friction_of_a_shipped_rig_are_those_of_its_ball(rig, gain, fri
         one, held = told[f"gain_{axis}"], told[f"friction_{axis}"]
         assert one.word == IDENTIFIED_VERDICT
         assert one.low <= true <= one.high
-        assert held.low <= friction <= held.high
+        # in the cycle of hobby friction at rest and rolling friction are known together only
+        assert held.low <= friction <= held.high or held.word == NOT_IDENTIFIABLE
+        assert rig == "hobby" or held.word == IDENTIFIED_VERDICT
+        assert f"camber_{axis}" not in told  # it was taken for what pushes the ball outwards
         assert one.value == pytest.approx(true, rel=0.07)
 
 

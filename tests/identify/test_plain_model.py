@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from controllers.ballplate import BallPlate
 from docs.identify_errors import Rig, simulate_log
 from twin.identify.axis_logs import AxisLog, EndStops
 from twin.identify.axis_problem import AxisProblem
@@ -93,6 +95,34 @@ def test_slopes_by_a_start_are_those_of_simulations_from_places_on_both_sides_of
         assert problem.rigid_starts == 1
     else:
         assert problem.rigid_starts == 0
+
+
+def test_a_plate_that_is_measured_to_turn_fast_pushes_the_ball_outwards():
+    """Against x'' = 0.66 (x phi'^2 - g phi), integrated by scipy."""
+    time = np.arange(0.0, 12.0, 0.005)
+    swing, rate = 0.08, 2 * np.pi * 1.7
+    log = AxisLog(time, swing * np.sin(rate * time), False, time, 0.02 * np.sin(1.7 * time))
+    begin = np.arange(1.0, 9.0, 2.0)
+    tilt = TiltHistory(log)
+    names = ("gain", "dead_time")
+    problem = AxisProblem(axis_windows(log, begin, begin + 2.0), names, tilt, 2.1, (0.0, 0.5))
+    assert problem.turns_fast
+    gain = -0.66 * BallPlate.gravity
+    starts = np.stack((np.full((1, 4), 0.1), np.array([[-0.05, 0.0, 0.02, 0.05]])))
+    found = problem.simulate(np.array([[gain * tilt.scale, 0.03]]), starts)[:, 0]
+    steps = problem.step * np.arange(len(found))
+    for w, at in enumerate(begin):
+
+        def move(t, state, at=at):
+            angle = rate * (at + t - 0.03)
+            tilted, turned = swing * np.sin(angle), swing * rate * np.cos(angle)
+            return state[1], 0.66 * state[0] * turned**2 + gain * tilted
+
+        whole = solve_ivp(move, (0.0, 2.2), starts[:, 0, w], t_eval=steps, rtol=1e-9, atol=1e-9)
+        assert found[:, w] == pytest.approx(whole.y[0], abs=5e-4)
+    slow = AxisLog(time, 0.05 * log.tilt, False, time, log.ball)
+    assert not replace(problem, tilt=TiltHistory(slow)).turns_fast
+    assert not replace(problem, tilt=TiltHistory(replace(log, held=True))).turns_fast
 
 
 def test_a_ball_that_comes_back_from_beyond_a_wall_is_not_turned():

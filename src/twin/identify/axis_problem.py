@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from controllers.arrays import Array, Mask
+from controllers.ballplate import BallPlate
 from twin.identify.axis_logs import EndStops
 from twin.identify.command_model import PROFILED_EFFECTS, TiltHistory
 from twin.identify.least_squares import FitProblem, Linearisation, SampleWindows
@@ -31,6 +32,10 @@ MAX_KNOWN_TILTS = 1_000_000
 MIN_CROSS_SPEED_RATIO = 0.3
 """Speed along the other axis, over the largest change of speed in a step, above which friction acts
 on both axes together."""
+BALL_SHARE = 0.66
+"""Share of gravity that accelerates a ball: 3/5 of a hollow, 5/7 of a solid one."""
+MIN_CENTRIFUGAL_PER_S2 = 0.002
+"""Mean centrifugal acceleration by the place, 1/s^2, from which on it is simulated."""
 START_PRECISION = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
@@ -85,7 +90,7 @@ class AxisProblem(FitProblem[SampleWindows]):
     @property
     def rigid_starts(self) -> int:
         """How many of the first numbers of a start merely shift all positions of a simulation."""
-        return int("camber" not in self.names and self.stops is None)
+        return int("camber" not in self.names and self.stops is None and not self.turns_fast)
 
     def take(self, which: Mask) -> Self:
         """The problem of some of the windows."""
@@ -150,6 +155,7 @@ class AxisProblem(FitProblem[SampleWindows]):
         if self.filter_s:  # the start of the ball, not that of its filtered positions
             places, speeds = starts[:2]
             starts = np.concatenate(([places + self.filter_s * speeds], starts[1:]))
+        square_rates = self._square_rates(grid, kinds[:, 0]) if self.turns_fast else None
         out = np.empty((steps, *starts.shape[1:]))
         # blocks of candidates so small that their arrays stay in the processor's cache
         size = max(1, BLOCK_LANES // len(self.windows))
@@ -158,6 +164,10 @@ class AxisProblem(FitProblem[SampleWindows]):
             rows = slice(None) if len(gain) == 1 else part
             push = gain[rows] * tilted.take(which[part], axis=1)
             push += h * (level[rows] + off_level[part])
+            outwards = None
+            if square_rates is not None:  # the gain turns the unit of the angle into rad
+                share = gain[rows] ** 2 / (BALL_SHARE * BallPlate.gravity**2)
+                outwards = share * square_rates.take(which[part], axis=1)
             out[:, part] = _integrate(
                 h,
                 starts[:2, part],
@@ -168,10 +178,27 @@ class AxisProblem(FitProblem[SampleWindows]):
                 across,
                 self.stops,
                 self.sticking,
+                outwards,
             )
         if self.filter_s:
             _filter(out, places, h / self.filter_s)
         return out
+
+    @property
+    def turns_fast(self) -> bool:
+        """Whether a measured angle turns so fast that it pushes the ball outwards."""
+        rate = self.tilt.scale**2 * self.tilt.mean_square_rate
+        return BALL_SHARE * rate > MIN_CENTRIFUGAL_PER_S2
+
+    def _square_rates(self, grid: Array, delays: Array) -> Array:
+        """Square of the plate's rate, by the measured angle, in swings^2/s^2, shape (N - 1, K, W).
+
+        Args:
+            grid: Times of the steps in s, shape (N, W).
+            delays: Dead times in s, shape (K,).
+        """
+        middle = grid[:-1] + self.step / 2
+        return np.square([self.tilt.rate_at(middle - delay) for delay in delays]).swapaxes(0, 1)
 
     def _tilted(self, grid: Array, delay: float, *drive: float) -> Array:
         """Integral of the tilt over each step of the simulation, shape (N - 1, W).
@@ -222,6 +249,7 @@ def _integrate(
     across: Array | None,
     stops: EndStops | None = None,
     sticking: tuple[float, float] = (0.0, 1.0),
+    outwards: Array | None = None,
 ) -> Array:
     """Positions in m at every step by Heun's method, friction apart, shape (N, C, W).
 
@@ -238,6 +266,7 @@ def _integrate(
         stops: End stops at which the ball bounces; None without any.
         sticking: Additional friction at rest, m/s^2, and the speed in m/s at which half of it is
             left.
+        outwards: Centrifugal acceleration by the place, 1/s^2, shape (N - 1, C, W); None for none.
     """
     shape, count = starts.shape[1:], len(push)
     # velocities by half a step, so that a step moves a ball by the sum of both; it is linear in
@@ -252,6 +281,7 @@ def _integrate(
     surplus, slow = half * h * sticking[0], half * sticking[1]
     rolling = most
     bends, damps, rubs = by_place.any(), (kept != 1).any(), bool(most.any() or surplus)
+    outward_by_place = None if outwards is None else (half * h * outwards).reshape(count, -1)
     places = np.empty((count + 1, *shape))
     places[0] = starts[0]
     p, v = places[0].ravel(), half * starts[1].ravel()
@@ -263,6 +293,8 @@ def _integrate(
         free = np.add(steps[n], stays, out=steps[n])
         if bends:
             free += np.multiply(by_place, p, out=spare)
+        if outward_by_place is not None:  # at the place in the middle of the step
+            free += np.multiply(outward_by_place[n], np.add(p, v, out=spare), out=spare)
         after = free
         if surplus:
             most = rolling + surplus / (1 + np.square(v / slow))

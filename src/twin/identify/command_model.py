@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import zip_longest
 
 import numpy as np
@@ -23,6 +24,8 @@ FINE_LAG_STEP_S = 0.002
 ACCELERATION_STEPS = (20, 4)
 """Fine steps over which the plate's acceleration is seen: measured, so that counts of an encoder
 make none; and behind a lag, a step of the simulation."""
+RATE_STEPS = 5
+"""Fine steps to either side over which the rate of a measured angle is seen."""
 
 
 def drive_path(time: Array, sent: Array, dead_band: float, slew: float) -> tuple[Array, Array]:
@@ -158,6 +161,26 @@ class TiltHistory:
         if place.max(initial=0.0) > last:
             found += FINE_LAG_STEP_S * track[-1] * np.maximum(place - last, 0.0)
         return found
+
+    @cached_property
+    def _rates(self) -> tuple[Array, Array]:
+        """Times in s, and rates of the measured angle in swings per second; zero of commands."""
+        if self.log.held:
+            return self.time[:1], np.zeros(1)
+        mean = np.pad(self._average_steps((0.0, 0.0)), RATE_STEPS, "edge")
+        rates = (mean[2 * RATE_STEPS :] - mean[: -2 * RATE_STEPS]) / (
+            2 * RATE_STEPS * FINE_LAG_STEP_S
+        )
+        return self.time[:-1] + FINE_LAG_STEP_S / 2, rates
+
+    @cached_property
+    def mean_square_rate(self) -> float:
+        """Mean square of the rates of a measured angle, swings^2/s^2; zero of commands."""
+        return float(np.mean(np.square(self._rates[1])))
+
+    def rate_at(self, time: Array) -> Array:
+        """Rate of a measured angle in swings per second, at times in s of any shape."""
+        return np.interp(time, *self._rates)
 
     def _place(self, time: Array, lag: float) -> Array:
         """Fine steps from the beginning of the log to times in s.
