@@ -64,6 +64,8 @@ class TwinSelection:
         free_start_gain_limit: Noise variances by which a free speed at the start may reduce the
             misfit of a window in which the ball rests at first.
         min_viscous_stds: Standard deviations above zero from which viscous friction is fitted.
+        last_steps: Of the best fit: largest number of further steps, of steps without a gain, and
+            of steps of the starts in each.
         even_screen_share: Share of the windows that an even screen must explain.
         noise: Constants of the search for unknown motion.
     """
@@ -74,6 +76,7 @@ class TwinSelection:
     unexplained_misfit_ratio: float = 2.0
     free_start_gain_limit: float = float(stats.chi2.ppf(0.99, 2))
     min_viscous_stds: float = 4.0
+    last_steps: tuple[int, int, int] = (40, 8, 2)
     even_screen_share: float = 0.8
     noise: NoiseSearch = NoiseSearch()
 
@@ -259,14 +262,16 @@ def fit_twin(
         problem = problem.whiten(found, sizes)
         found = minimise(problem, found.theta, found.starts, 15, 4)
     while True:
-        best = found.best(1)
+        found = found.best(1)
+        # in the valley of rolling and viscous friction no step is better with starts merely shifted
+        best = minimise(problem, found.theta, found.starts, *selection.last_steps).best(1)
         misfit = problem.misfit(best.linearisation.r)[0]
         usual = max(1.0, float(np.median(misfit)))
         kept = misfit < selection.unexplained_misfit_ratio * usual
         if kept.all() or kept.sum() < max(3, len(windows) / 2):
             break
         problem = replace(problem, windows=problem.windows.take(kept))
-        found = minimise(problem, found.theta, found.starts[:, :, kept], 15, 4)
+        found = minimise(problem, best.theta, best.starts[:, :, kept], 15, 4)
     creeping = _find_creeping(problem, best.theta, best.starts, selection)
     if creeping.any():
         crept = np.isin(windows.begin, problem.windows.begin[creeping])

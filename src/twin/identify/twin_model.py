@@ -37,6 +37,8 @@ from twin.identify.verdicts import (
 )
 from twin.identify.windows import LOOKBACK_S, Spans, Windows, cut, moving_spans
 
+VISCOUS_NOTE = "friction grows with speed: viscous friction fitted along"
+
 
 def replay_log(
     log: PreparedLog, fit: Fit[TwinProblem], lag: float, how: HoldOutPrediction = HOLD_OUT
@@ -172,14 +174,23 @@ def fit_windows(
         return min(fits, key=lambda each: each.found.cost[0])
 
     more: tuple[str, ...] = AT_REST
+
+    def explains(fit: Fit[TwinProblem], white: Whiteness) -> bool:
+        enough = selection.even_screen_share * len(windows)
+        return white.white and len(fit.problem.windows) >= enough
+
     fit, notes = best((*names, *more)), list[str]()
     white = whiteness(fit)
     progress(0.4)
-    if white.white and len(fit.problem.windows) >= selection.even_screen_share * len(windows):
+    if explains(fit, white):
         return names, fit, white, notes
     rough = best((*names, *more), uneven=True)
     if "viscous" not in names and has_viscous_friction(rough, selection):
         more = (*more, "viscous")
+        fit = best((*names, *more))
+        white = whiteness(fit)
+        if explains(fit, white):
+            return (*names, "viscous"), fit, white, [VISCOUS_NOTE]
         rough = best((*names, *more), uneven=True)
     left = whiteness(rough)
     if not white.white or (left.white and any(rough.problem.sizes)):
@@ -190,7 +201,7 @@ def fit_windows(
         )
         if "viscous" in more:
             names = (*names, "viscous")
-            notes.append("friction grows with speed: viscous friction fitted along")
+            notes.append(VISCOUS_NOTE)
     return names, fit, white, notes
 
 
