@@ -109,6 +109,15 @@ def test_a_scenario_may_begin_as_a_copy(shipped, new):
     assert Path("mine.toml").read_bytes() == shipped_scenarios()[shipped].read_bytes()
 
 
+@pytest.mark.parametrize("content", [b"t,x\n1,2\n", b"\xff\xfe"])
+def test_what_is_no_scenario_is_not_copied(content, ballplate):
+    Path("other.toml").write_bytes(content)
+    code, _, err = ballplate("new", "scenario", "mine", "--like", "other.toml")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--like: other.toml" in err
+    assert not Path("mine.toml").exists()
+
+
 def test_a_folder_that_cannot_be_written_is_one_line(ballplate):
     Path("laws").write_text("a file where the folder should be")
     code, _, err = ballplate("new", "law", "mine")

@@ -536,6 +536,13 @@ def test_a_file_of_a_program_is_read_with_the_columns_that_are_proposed(tmp_path
             "t: has 1000000000001 numbers, at most",
         ),
         (
+            lambda text: (
+                text.partition("# name: t")[0]
+                + "# name: t\n# type: range\n# base, limit, increment\n0 1 0\n"
+            ),
+            "t: a range with no step",
+        ),
+        (
             lambda text: text.partition("# name: t")[0] + "# name: c\n# type: cell\n",
             "without a column of numbers; c: left out: cell",
         ),
@@ -546,6 +553,31 @@ def test_a_text_of_octave_that_is_damaged_is_one_line(tmp_path, change, says):
     file.write_text(change("\n".join(octave())))
     with pytest.raises(LogError, match=says) as caught:
         read_any(file, wanted_columns("time=t,measured_x=x,command_phi=u"))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_empty_row_above_the_rows_is_no_header(tmp_path):
+    file = tmp_path / "a.txt"
+    file.write_text("[]\n" + "\n".join(f"[{t} {x} {u}]" for t, x, u in ROWS))
+    log = read_any(file, wanted_columns("time=1:s,measured_x=2:mm,command_phi=3:deg"))
+    assert_is_the_motion(log)
+
+
+def test_a_column_called_as_a_step_of_twincat_is_a_column(tmp_path):
+    file = tmp_path / "a.csv"
+    rows = (f"{1000 * t:.3f},{x},{u}" for t, x, u in ROWS)
+    file.write_text("\n".join(("SampleTime[ms],ball_x[mm],servo_x[deg]", *rows)))
+    columns = "time=SampleTime,measured_x=ball_x,command_phi=servo_x"
+    assert_is_the_motion(read_any(file, wanted_columns(columns)))
+
+
+def test_a_head_of_labview_without_times_is_one_line(tmp_path):
+    file = tmp_path / "a.lvm"
+    lines = ["LabVIEW Measurement", "X_Columns\tNo", "***End_of_Header***", "Channels\t1"]
+    lines += ["***End_of_Header***", "X_Value\tx\tComment", *(f"\t{x}" for _, x, _ in ROWS)]
+    file.write_text("\n".join(lines))
+    with pytest.raises(LogError, match="rows have no times, and its head no X0") as caught:
+        read_any(file, wanted_columns("time=X_Value,measured_x=x,command_phi=x"))
     assert "\n" not in str(caught.value)
 
 

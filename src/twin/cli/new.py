@@ -12,6 +12,7 @@ import click
 from twin.base.data_file import read_toml
 from twin.base.errors import ScenarioError, naming, nearest
 from twin.base.shipped import find, folder, shipped_scenarios
+from twin.base.validation import read_tables
 from twin.base.writing import write_whole
 from twin.cli import options
 from twin.cli.output import say
@@ -84,12 +85,15 @@ def _begin_like(kind: str, like: str) -> Start:
     """The start of a law of a kind that is known, or of a scenario that is a copy.
 
     Raises:
-        ScenarioError: If there is none of this name, or the kind has only one start.
+        ScenarioError: If there is none of this name, the kind has only one start, or what is to be
+            copied cannot be read.
     """
     start = START_FILES[kind]
     if kind == "scenario":
         with naming("--like"):
-            return start._replace(source=str(find(like).resolve()))
+            file = find(like).resolve()
+            read_tables(file)
+        return start._replace(source=str(file))
     if kind != "law":
         raise ScenarioError(
             "--like: for a law or a scenario, as in: ballplate new law mine --like pid"

@@ -428,7 +428,9 @@ def _find_header(
 ) -> tuple[list[str], int]:
     """The names of the columns, empty without any, and the row at which numbers begin."""
     names = {column.name.casefold() for column in wanted.values()}
-    known = [0 if is_number(row[0]) else len(names & _known_names(row)) for row in rows[:50]]
+    known = [
+        0 if not row or is_number(row[0]) else len(names & _known_names(row)) for row in rows[:50]
+    ]
     if any(known):
         at = known.index(max(known))
         below = list(takewhile(_is_without_numbers, rows[at + 1 : at + 1 + MAX_NAME_ROWS]))

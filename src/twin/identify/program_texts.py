@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
+from twin.base.errors import LogError
+
 COMMENT_MARKS = ("#", "%", "//")
 """What begins a line that is a remark."""
 LABVIEW_END = "***End_of_Header***"
@@ -82,11 +84,20 @@ def _read_labview(lines: list[str]) -> Iterator[str]:
                 names = list(_name_channels([first, *cells], facts.get("Y_Unit_Label", [])))
                 yield between.join(names)
         elif not first and facts.get("X_Columns", [""])[0] == "No":
-            begin, step = (float(facts[key][0].replace(",", ".")) for key in ("X0", "Delta_X"))
+            begin, step = _read_times(facts)
             yield between.join([f"{begin + row * step:.9g}", *cells[: len(names) - 1]])
             row += 1
         else:
             yield between.join([first, *cells][: len(names)])
+
+
+def _read_times(facts: Mapping[str, list[str]]) -> tuple[float, float]:
+    """The first time and the step in s that a head of LabVIEW states."""
+    try:
+        begin, step = (float(facts[key][0].replace(",", ".")) for key in ("X0", "Delta_X"))
+    except (KeyError, IndexError, ValueError):
+        raise LogError("LabVIEW: its rows have no times, and its head no X0 and Delta_X") from None
+    return begin, step
 
 
 def _name_channels(header: list[str], units: list[str]) -> Iterator[str]:
@@ -105,6 +116,12 @@ def _name_channels(header: list[str], units: list[str]) -> Iterator[str]:
             unit = units[channels] if channels < len(units) else ""
             yield f"{name} [{unit}]" if unit else name
             channels += 1
+
+
+def _is_twincat(lines: list[str]) -> bool:
+    """Whether a head has steps below names, each line with several cells."""
+    firsts = [re.split(r"[;,\t]", line)[0] for line in lines[:LOOKED_AT_LINES]]
+    return TWINCAT_STEP in firsts and "Name" in firsts[: firsts.index(TWINCAT_STEP)]
 
 
 def _read_twincat(lines: list[str]) -> Iterator[str]:
@@ -236,7 +253,7 @@ def _join_values(lines: list[str]) -> list[str]:
 
 PROGRAMS: tuple[tuple[Callable[[list[str]], bool], Callable[[list[str]], Iterable[str]]], ...] = (
     (lambda lines: any(line.startswith(LABVIEW_END) for line in lines), _read_labview),
-    (lambda lines: any(e.startswith(TWINCAT_STEP) for e in lines[:LOOKED_AT_LINES]), _read_twincat),
+    (_is_twincat, _read_twincat),
     (_are_documents, _read_documents),
     (lambda lines: most_are(lines, lambda line: bool(ONE_VALUE.fullmatch(line))), _join_values),
     (lambda lines: most_are(lines, lambda line: bool(INFLUX_LINE.fullmatch(line))), _read_influx),

@@ -31,7 +31,7 @@ from twin.run.units import OTHER_UNITS, UNIT_SCALES, plain_unit, split_unit
 NAME_UNITS = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us"}
 """Names that state the unit of their numbers."""
 UNIT_ENDING = re.compile(
-    r"(?i)(.+?)(?:[_ ]in)?[_ ](m?s|[un]s|[mu]?sec|[mc]?m|m?rad|deg|degrees|grad|°)"
+    r"(?i)(.+?)(?:[_ ]in)?[_ ](m?s|[un]s|[mu]?sec|[mcu]?m|m?rad|deg|degrees|grad|°)"
 )
 """A name that ends in its unit, as ``x_mm``."""
 TIME_STEPS = (("s", 1e-5, 0.5), ("ms", 0.5, 500.0), ("us", 500.0, 5e5), ("ns", 5e5, 5e8))

@@ -97,6 +97,8 @@ def _read_variable(
                 yield from _read_variable(lines, f"{name}.{field}", depth + 1, notes)
     elif kind in _RANGES:
         base, limit, step = map(float, lines.take_numbers()[-1][:3])
+        if not step:
+            raise ValueError(f"{name}: a range with no step")
         count = round((limit - base) / step) + 1
         if count > MOST_ROWS:
             raise ValueError(f"{name}: has {count} numbers, at most {MOST_ROWS} are read")
