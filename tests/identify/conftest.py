@@ -2,9 +2,11 @@
 
 import csv
 
+import numpy as np
 import pytest
 
 from docs import identify_coverage
+from twin.identify.axis_logs import AxisLog
 
 
 @pytest.fixture(scope="session")
@@ -38,3 +40,14 @@ def axis_log():
 def coverage():
     """Counts how often intervals hold."""
     return identify_coverage.coverage
+
+
+@pytest.fixture(scope="module")
+def log():
+    """Commands that jump and rest, and a ball that is seen until 5 s before the last of them."""
+    rng = np.random.default_rng(5)
+    time = np.arange(0.0, 25.0, 0.02)
+    tilt = 0.05 * np.sin(1.7 * time) + 0.02 * rng.standard_normal(len(time)) * (time % 3 < 2)
+    sampled = np.arange(0.0, 20.0, 0.015)
+    ball = 0.06 * np.sin(2.3 * sampled) + 0.03 * np.sin(0.9 * sampled)
+    return AxisLog(time, tilt, True, sampled, ball)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
-from twin.identify.axis_logs import AxisLog
 from twin.identify.command_model import (
     ACCELERATION_STEPS,
     FINE_LAG_STEP_S,
@@ -30,17 +29,6 @@ def follow_by_plain_recurrence(track, half):
         place = min(max(place, each - half), each + half)
         places.append(place)
     return places
-
-
-@pytest.fixture(scope="module")
-def log():
-    """Commands that jump and rest, and a ball that is seen until 5 s before the last of them."""
-    rng = np.random.default_rng(5)
-    time = np.arange(0.0, 25.0, 0.02)
-    tilt = 0.05 * np.sin(1.7 * time) + 0.02 * rng.standard_normal(len(time)) * (time % 3 < 2)
-    sampled = np.arange(0.0, 20.0, 0.015)
-    ball = 0.06 * np.sin(2.3 * sampled) + 0.03 * np.sin(0.9 * sampled)
-    return AxisLog(time, tilt, True, sampled, ball)
 
 
 @pytest.mark.parametrize("half", [0.0, 0.05, 0.5, 3.0])

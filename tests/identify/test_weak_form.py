@@ -9,20 +9,8 @@ import numpy as np
 import pytest
 
 from twin.identify import weak_form
-from twin.identify.axis_logs import AxisLog
 from twin.identify.command_model import TiltHistory
 from twin.identify.weak_form import WEAK_FORM, Linkage, WeakWindows, _find_delay, make_grids
-
-
-@pytest.fixture(scope="module")
-def log():
-    """Commands that jump and rest, and a ball that is seen until 5 s before the last of them."""
-    rng = np.random.default_rng(5)
-    time = np.arange(0.0, 25.0, 0.02)
-    tilt = 0.05 * np.sin(1.7 * time) + 0.02 * rng.standard_normal(len(time)) * (time % 3 < 2)
-    sampled = np.arange(0.0, 20.0, 0.015)
-    ball = 0.06 * np.sin(2.3 * sampled) + 0.03 * np.sin(0.9 * sampled)
-    return AxisLog(time, tilt, True, sampled, ball)
 
 
 def test_the_integrals_of_a_tilt_are_those_of_the_tilt_behind_its_whole_linkage(log):

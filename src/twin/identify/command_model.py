@@ -123,7 +123,7 @@ class TiltHistory:
         last = np.max(log.sampled, initial=log.time[0]) + MAX_LEAD_S
         steps = int((min(log.time[-1], last) - log.time[0]) / FINE_LAG_STEP_S) + 2
         self.time = float(log.time[0]) + FINE_LAG_STEP_S * np.arange(steps)
-        self.driven: dict[tuple[float, ...], Array] = {}
+        self.driven: dict[tuple[float, float], Array] = {}
         self.lagged: dict[tuple[float, ...], tuple[Array, Array]] = {}
         self.tried = DRIVE_EFFECTS * log.held + ("lever",) * (log.lever is None)
 
@@ -197,13 +197,11 @@ class TiltHistory:
         """Tilt behind a lag at every fine step, and its integral."""
         dead_band, play, slew, lever = drive or (0.0, 0.0, 0.0, 0.0)
         lever += self.log.lever or 0.0
-        key, whole = (dead_band, slew), (lag, dead_band, play, slew, lever)
-        if key not in self.driven:
-            self.driven[key] = self._average_steps(key)
+        whole = (lag, dead_band, play, slew, lever)
         if whole not in self.lagged:
             if len(self.lagged) * len(self.time) > MAX_TRACK_VALUES:
                 self.lagged.clear()
-            stay, mean = _remaining_share(lag), self.driven[key]
+            stay, mean = _remaining_share(lag), self._average_steps((dead_band, slew))
             place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
             if play:
                 place = apply_play(place, play)
@@ -221,8 +219,18 @@ class TiltHistory:
             self.lagged[whole] = place, covered
         return self.lagged[whole]
 
-    def _average_steps(self, drive: tuple[float, ...]) -> Array:
-        """Its mean in each fine step in swings, so that no command's time is rounded to a step."""
+    def _average_steps(self, drive: tuple[float, float]) -> Array:
+        """The tilt's mean in each fine step in swings, so that no time is rounded to a step.
+
+        Args:
+            drive: Dead band and slew.
+        """
+        if drive not in self.driven:
+            self.driven[drive] = self._average_anew(drive)
+        return self.driven[drive]
+
+    def _average_anew(self, drive: tuple[float, float]) -> Array:
+        """As ``_average_steps``, computed."""
         time, place = self.log.time, self.log.tilt / self.scale
         if self.log.held:
             time, place = drive_path(time, place, *drive)

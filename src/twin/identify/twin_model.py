@@ -187,10 +187,9 @@ def fit_windows(
     rough = best((*names, *more), uneven=True)
     if "viscous" not in names and has_viscous_friction(rough, selection):
         more = (*more, "viscous")
-        fit = best((*names, *more))
-        white = whiteness(fit)
-        if explains(fit, white):
-            return (*names, "viscous"), fit, white, [VISCOUS_NOTE]
+        damped = best((*names, *more))
+        if explains(damped, damped_white := whiteness(damped)):
+            return (*names, "viscous"), damped, damped_white, [VISCOUS_NOTE]
         rough = best((*names, *more), uneven=True)
     left = whiteness(rough)
     if not white.white or (left.white and any(rough.problem.sizes)):
