@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
@@ -362,6 +363,64 @@ def test_a_replay_from_rest_goes_on_as_one_that_has_seen_the_ball_come_to_rest()
     way = np.hypot(*(places[-1] - places[at])[:, 0, 0])
     assert np.abs(told - places[at:, :, 0, 0]).max() < 0.02 * way
     assert np.abs(untold - places[at:, :, 0, 0]).max() > 0.1 * way
+
+
+ROLLING_M, STRIBECK_M_S = 2.4e-4, 0.02
+
+
+def slowing(model):
+    """Times in s and a field in which a ball of 0.06 m/s along x slows to 0.015 and goes on."""
+    time = REPLAY_STEP_S * np.arange(400)
+    tilt = 0.009 + 0.04 * np.clip(time - 0.95, 0.0, 0.6)
+    angle = np.stack((tilt, np.zeros_like(tilt)), axis=-1)[None]
+    return time, AccelerationField.of(model, angle, np.gradient(angle, REPLAY_STEP_S, axis=1))
+
+
+def replays(dwells):
+    """Speeds along x in m/s of candidates with dwell times in s, replayed together, (N, C)."""
+    model, dwell = BallPlate(), np.array(dwells, float)[:, None]
+    friction = Friction(
+        rolling=np.full_like(dwell, ROLLING_M),
+        breakaway_ratio=np.full_like(dwell, 2.0),
+        stribeck_speed=np.full_like(dwell, STRIBECK_M_S),
+        dwell_time=dwell,
+    )
+    start = np.array([0.0, 0.0, 0.06, 0.0])[:, None, None].repeat(len(dwell), axis=1)
+    level = np.zeros((2, len(dwell), 1))
+    return replay(slowing(model)[1], model, friction, level, start)[1][:, 0, :, 0]
+
+
+def test_a_replay_does_not_depend_on_the_candidates_beside_it():
+    alone, beside = replays([0.0])[:, 0], replays([0.0, 0.3])
+    assert np.abs(beside[:, 0] - alone).max() < 1e-12
+    assert np.abs(beside[:, 1] - alone).max() > 1e-3
+
+
+def test_a_replay_of_hardly_any_dwell_is_that_of_none():
+    none, hardly = replays([0.0, 1e-7]).T
+    assert np.abs(none - hardly).max() < 1e-8
+
+
+@pytest.mark.parametrize("dwell", [0.0, 0.02, 0.3])
+def test_an_ageing_contact_slows_a_ball_as_its_equations_say(dwell):
+    model = BallPlate()
+    time, field = slowing(model)
+    push, own, normal = field.push[:, 0, 0, 0], field.own[:, 0, 0, 0], field.normal[:, 0, 0]
+
+    def slope(t, state):
+        place, speed, age = state
+        settled = 1 / (1 + (speed / STRIBECK_M_S) ** 2)
+        arm = ROLLING_M * (1 + (age if dwell else settled))
+        free = np.interp(t, time, push) + np.interp(t, time, own) * place
+        slowed = model.c1 * arm / model.radius * np.interp(t, time, normal)
+        return speed, free - slowed, (1 - age / settled) / dwell if dwell else 0.0
+
+    begun = [0.0, 0.06, 1 / (1 + (0.06 / STRIBECK_M_S) ** 2)]
+    ends = (0.0, time[-1])
+    truth = solve_ivp(slope, ends, begun, t_eval=time, rtol=1e-9, atol=1e-12, max_step=0.004)
+    found = replays([dwell])[:, 0]
+    assert 0.01 < found.min() < 0.03  # Stribeck friction acts
+    assert np.abs(found - truth.y[1]).max() < 2e-6
 
 
 def test_how_a_ball_went_before_a_window_is_measured_but_for_its_rests():

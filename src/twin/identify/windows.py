@@ -121,7 +121,9 @@ def replay(
     places, speeds = np.empty((2, steps, *p.shape))
     places[0], speeds[0] = p, v
     speed = np.hypot(v[0], v[1])
-    age = _age_at_start(friction, speed, paces) if friction.ageing else None
+    age = None
+    if friction.ageing:
+        age = friction.aged(_age_at_start(friction, speed, paces), speed, h)
     per_arm = (model.c1 / model.radius) * field.normal
     grip = max(grip, h)
     # arrays that are written again in every step: making them anew would cost as much as the sums
@@ -158,13 +160,14 @@ def replay(
         after = slowed(v, most)
         left = np.hypot(after[0], after[1])
         if not constant:
-            most = np.where(
-                left > 0, per_arm[n] * friction.arm((speed + left) / 2, place, age), most
-            )
+            halfway = (speed + left) / 2
+            if age is not None:
+                age = friction.aged(age, halfway, h / 2, speed)
+            most = np.where(left > 0, per_arm[n] * friction.arm(halfway, place, age), most)
             after = slowed(v, most)
             left = np.hypot(after[0], after[1])
-        if age is not None:
-            age = friction.aged(age, (speed + left) / 2, h)
+            if age is not None:
+                age = friction.aged(age, left, h / 2, halfway)
         p = p + (h / 2) * (v + after)
         v, speed = after, left
         places[n + 1], speeds[n + 1] = p, v

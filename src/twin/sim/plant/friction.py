@@ -414,14 +414,23 @@ class Friction:
         """Age of a contact that has long rolled at a speed in m/s, shape (...)."""
         return 1 / (1 + (speed / np.asarray(self.stribeck_speed)) ** 2)
 
-    def aged(self, age: Array, speed: Array, time: float) -> Array:
-        """Age after a time in s at a constant speed in m/s, all shape (...)."""
+    def aged(self, age: Array, speed: Array, time: float, before: Array | None = None) -> Array:
+        """Age after a time, shape (...): exact for a settled age that changes evenly.
+
+        Args:
+            age: At the beginning, shape (...).
+            speed: Of the ball in m/s, shape (...).
+            time: In s.
+            before: Speed at the beginning, if ``speed`` is that at the end; None for a constant
+                one.
+        """
         goal = self.settled(speed)
-        dwell = np.asarray(self.dwell_time)
+        begin = goal if before is None else self.settled(before)
         with np.errstate(divide="ignore"):
             # at dwell_time 0 the exponent is -inf: the age is the settled one at once
-            left = np.exp(-time / (goal * dwell))
-        return goal + (age - goal) * left
+            steps = time / ((begin + goal) / 2 * np.asarray(self.dwell_time))
+        found = goal + (age - begin) * np.exp(-steps)
+        return found if before is None else found + (goal - begin) * np.expm1(-steps) / steps
 
     def arm(self, speed: Array, position: Array, age: Array | None = None) -> Array:
         """Resistance arm in m, shape (...).
