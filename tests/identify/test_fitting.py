@@ -8,11 +8,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import lsq_linear
 from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.least_squares import Estimate, Fit, Linearisation, estimate, fit_starts
+from twin.identify.least_squares import (
+    Estimate,
+    Fit,
+    Linearisation,
+    _step_within,
+    estimate,
+    fit_starts,
+)
 from twin.identify.parameters import SERVO_PARAMETER
 from twin.identify.plate_motion import Drives, check_motion, fit_drives, servo_response
 from twin.identify.prepare import SPEED_INTERVAL_S, PreparedLog, Segment, paces, rests, speed
@@ -300,6 +308,22 @@ def test_of_a_model_that_the_log_rejects_there_is_no_interval():
     assert words[0].startswith("Nothing was held out")  # what it predicts comes first
     assert "rolling" not in parameters(found)
     assert "rolling_mm = 0.2" in parameters(found, (REJECTED_VERDICT,))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_step_that_meets_a_bound_is_the_best_within_it(seed):
+    rng = np.random.default_rng(seed)
+    root, target = rng.normal(size=(6, 4)), rng.normal(size=6)
+    normal, slope = root.T @ root, -root.T @ target
+    free = np.linalg.lstsq(root, target)[0]
+    least, most = np.full(4, -10.0), np.full(4, 10.0)
+    k = rng.integers(4)
+    (most if free[k] > 0 else least)[k] = free[k] / 3
+    found = _step_within(normal[None], slope[None], least[None], most[None])[0]
+    best = lsq_linear(root, target, (least, most), tol=1e-14).x
+    assert found == pytest.approx(best, abs=1e-7)
+    assert found[k] == pytest.approx(free[k] / 3)
+    assert np.abs(np.delete(found - free, k)).max() > 1e-3
 
 
 def test_a_servo_solves_its_first_order_equation():

@@ -591,6 +591,26 @@ def fit_starts_from_scratch(
     return fit_starts(problem, theta, np.repeat(first, len(theta), axis=1), step_limit)
 
 
+def _step_within(normal: Array, slope: Array, least: Array, most: Array) -> Array:
+    """Steps that minimise a quadratic between bounds, shape (C, P), by an active set in two passes.
+
+    What would go beyond a bound goes to it, and the others know it.
+
+    Args:
+        normal: Second derivatives, shape (C, P, P).
+        slope: First derivatives, shape (C, P).
+        least: Least steps, shape (C, P).
+        most: Largest steps, shape (C, P).
+    """
+    free = -np.linalg.solve(normal, slope[..., None])[..., 0]
+    held = (free < least) | (free > most)
+    taken = np.where(held, np.clip(free, least, most), 0.0)
+    left = slope + np.einsum("cij,cj->ci", normal, taken)
+    among = np.where(held[..., None] | held[..., None, :], np.eye(len(slope[0])), normal)
+    rest = -np.linalg.solve(among, np.where(held, 0.0, left)[..., None])[..., 0]
+    return np.clip(np.where(held, taken, rest), least, most)
+
+
 def minimise(
     problem: FitProblem[SampleWindows],
     theta: Array,
@@ -632,14 +652,10 @@ def minimise(
         weighted = np.swapaxes(J * problem.weights(here.r)[..., None, None], -1, -2)
         normal = (weighted @ J).sum(axis=1) + np.diag(precision)
         slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (now - mean))[..., None]
-        # what stands at a bound and would go beyond stays there, and the others know it
-        held = ((now <= least) & (slope[..., 0] > 0)) | ((now >= most) & (slope[..., 0] < 0))
-        slope = np.where(held[..., None], 0.0, slope)
-        normal = np.where(held[..., None] | held[..., None, :], 0.0, normal)
         # Marquardt's scaling by the diagonal, so that no unit matters
         scale = np.diagonal(normal, axis1=-2, axis2=-1)[..., None] * eye
         damped = normal + damped_by[:, None, None] * scale + 1e-9 * eye
-        moved = np.clip(now - np.linalg.solve(damped, slope)[..., 0], least, most)
+        moved = _step_within(damped, slope[..., 0], least - now, most - now) + now
         step = np.concatenate((np.ones((len(at), 1)), moved - now), axis=-1)
         shifted = starts[:, at] - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
         if polish:
