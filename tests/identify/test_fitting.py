@@ -13,14 +13,8 @@ from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.least_squares import (
-    Estimate,
-    Fit,
-    Linearisation,
-    _step_within,
-    estimate,
-    fit_starts,
-)
+from twin.identify.intervals import Estimate, estimate
+from twin.identify.least_squares import Fit, Linearisation, _step_within, fit_starts
 from twin.identify.parameters import SERVO_PARAMETER
 from twin.identify.plate_motion import Drives, check_motion, fit_drives, servo_response
 from twin.identify.prepare import SPEED_INTERVAL_S, PreparedLog, Segment, paces, rests, speed

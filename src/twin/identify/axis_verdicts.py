@@ -13,7 +13,7 @@ from twin.base.page import digits
 from twin.identify.axis_selection import AXIS_SELECTION, AxisSelection
 from twin.identify.command_model import DRIVE_EFFECTS
 from twin.identify.further_terms import append_delay, find_hidden_changes, find_term
-from twin.identify.least_squares import Estimate
+from twin.identify.intervals import Estimate
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter, plain_parameter
 from twin.identify.plain_model import AxisFit
 from twin.identify.verdicts import (

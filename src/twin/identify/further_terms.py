@@ -9,7 +9,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.identify.axis_problem import AxisProblem
-from twin.identify.least_squares import estimate, fit_starts, minimise
+from twin.identify.intervals import estimate
+from twin.identify.least_squares import fit_starts, minimise
 from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.plain_model import AxisFit
 

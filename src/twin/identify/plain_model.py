@@ -21,7 +21,8 @@ from twin.identify.axis_logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.axis_problem import AxisProblem
 from twin.identify.command_model import TiltHistory
 from twin.identify.first_look import FirstLook
-from twin.identify.least_squares import Estimate, Fit, fit_starts, fit_starts_from_scratch, minimise
+from twin.identify.intervals import Estimate
+from twin.identify.least_squares import Fit, fit_starts, fit_starts_from_scratch, minimise
 from twin.identify.profiles import Profile
 from twin.identify.windows import MIN_WINDOW_SHARE, SAMPLE_BIN_S, axis_windows, find_moving, spans
 

@@ -15,7 +15,8 @@ from scipy.signal import butter, detrend, filtfilt, lfilter
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.hal.cams import CamTable
-from twin.identify.least_squares import Estimate, Fit, FitProblem, SampleWindows, minimise
+from twin.identify.intervals import Estimate
+from twin.identify.least_squares import Fit, FitProblem, SampleWindows, minimise
 from twin.identify.parameters import DRIVE_PARAMETERS
 from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL_SPEED_M_S, PreparedLog, Segment, speed
 from twin.identify.samples import resolution

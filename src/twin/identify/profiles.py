@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 
 from controllers.arrays import Array, Mask
 from twin.identify.axis_fitting import AXIS_FITTING, DriveSearch
-from twin.identify.least_squares import BOOTSTRAP
+from twin.identify.intervals import BOOTSTRAP
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from scipy import stats
 from controllers.arrays import Array
 from controllers.ballplate import corner_frequency
 from twin.base.errors import plural
-from twin.identify.least_squares import START_PRIOR, Estimate, Fit
+from twin.identify.intervals import Estimate
+from twin.identify.least_squares import START_PRIOR, Fit
 from twin.identify.parameters import (
     BALL_PARAMETERS,
     HIDDEN_PARAMETERS,

@@ -17,7 +17,8 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import time_constant
 from twin.base.errors import LogError
-from twin.identify.least_squares import Estimate, Fit
+from twin.identify.intervals import Estimate
+from twin.identify.least_squares import Fit
 from twin.identify.logs import Log
 from twin.identify.parameters import (
     DEFAULT_PARAMETERS,
