@@ -434,13 +434,13 @@ def _step_within(normal: Array, slope: Array, least: Array, most: Array) -> Arra
         least: Least steps, shape (C, P).
         most: Largest steps, shape (C, P).
     """
-    free = -np.linalg.solve(normal, slope[..., None])[..., 0]
+    free: Array = -np.linalg.solve(normal, slope[..., None])[..., 0]
     held = (free < least) | (free > most)
     taken = np.where(held, np.clip(free, least, most), 0.0)
     left = slope + np.einsum("cij,cj->ci", normal, taken)
     among = np.where(held[..., None] | held[..., None, :], np.eye(len(slope[0])), normal)
     rest = -np.linalg.solve(among, np.where(held, 0.0, left)[..., None])[..., 0]
-    return np.clip(np.where(held, taken, rest), least, most)
+    return np.asarray(np.clip(np.where(held, taken, rest), least, most))
 
 
 def minimise(
@@ -483,13 +483,14 @@ def minimise(
         r, J = free[..., 0], free[..., 1:]  # noqa: N806
         weighted = np.swapaxes(J * problem.weights(here.r)[..., None, None], -1, -2)
         normal = (weighted @ J).sum(axis=1) + np.diag(precision)
-        slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (now - mean))[..., None]
+        slope = (weighted @ r[..., None])[..., 0].sum(axis=1) + precision * (now - mean)
         # Marquardt's scaling by the diagonal, so that no unit matters
         scale = np.diagonal(normal, axis1=-2, axis2=-1)[..., None] * eye
         damped = normal + damped_by[:, None, None] * scale + 1e-9 * eye
-        moved = _step_within(damped, slope[..., 0], least - now, most - now) + now
+        way = _step_within(damped, slope, least - now, most - now)
+        moved = np.clip(now + way, least, most)
         step = np.concatenate((np.ones((len(at), 1)), moved - now), axis=-1)
-        shifted = starts[:, at] - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
+        shifted: Array = starts[:, at] - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
         if polish:
             shifted = fit_starts(problem, moved, shifted, polish)
         trial = problem.linearise(moved, shifted)
