@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Measurement
-from twin.base.errors import TwinError
+from twin.base.errors import ScenarioError, TwinError
 from twin.cli import ballplate
 from twin.run import finished
 from twin.run.controller_building import build_controller
@@ -379,6 +379,22 @@ def test_faults_that_the_virtual_rig_had_are_said_to_be_left_out(run, monkeypatc
 def test_settings_hold_for_every_branch():
     assert branches_of(["a=1"], []) == [("a=1",)]
     assert branches_of(["a=1"], ["b=2; c=[1, 2]", ""]) == [("a=1", "b=2", "c=[1, 2]"), ("a=1",)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "more", "said"),
+    [
+        ([], ["a=1", "b=2", "a=1"], r"--branch 'a=1': equal to an earlier one"),
+        ([], ["a=1; b=[1, 2]", "b=[1,2];a=1.0"], r"--branch 'b=\[1,2\];a=1.0': equal"),
+        (["a=1"], ["", ""], "--branch '': equal"),
+        ([], ["a=1; a=2"], "--branch 'a=1; a=2': a is given twice"),
+        (["a=1"], ["a=2"], "--branch 'a=2': a is given twice"),
+        (["a=1", "a=2"], [], "--set: a is given twice"),
+    ],
+)
+def test_a_branch_or_key_that_is_given_twice_is_refused(settings, more, said):
+    with pytest.raises(ScenarioError, match=said):
+        branches_of(settings, more)
 
 
 @pytest.mark.long
