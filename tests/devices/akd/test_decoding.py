@@ -839,8 +839,8 @@ def test_a_drive_that_the_trace_does_not_show_to_be_one_is_remarked():
         "as if it was a drive"
     )
     for shown in (reads(5, 0x1000, 0, "92010200"), reads(5, 0x6502, 0, "ad030000"), TORQUE):
-        assert decode(*shown, frame(9.0, 0x185, "3702")).remarks() == []
-    assert decode(frame(0.1, 0x185, "3702"), names=Names(EDS)).remarks() == []
+        assert list_remarks(decode(*shown, frame(9.0, 0x185, "3702"))) == []
+    assert list_remarks(decode(frame(0.1, 0x185, "3702"), names=Names(EDS))) == []
 
 
 @pytest.mark.parametrize(("frames", "words"), [(1.0, "1 frame"), (2.0, "2 frames")])
