@@ -190,7 +190,7 @@ def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str,
             where = f"--branch '{text}'" if text else "--set"
             raise ScenarioError(f"{where}: {twice[0]} is given twice; give it once")
     for number, pairs in enumerate(changes):
-        if dict(pairs) in map(dict, changes[:number]):
+        if any(dict(pairs) == dict(each) for each in changes[:number]):
             raise ScenarioError(f"--branch '{more[number]}': equal to an earlier one; give it once")
     return found
 
