@@ -10,7 +10,8 @@ import numpy as np
 from controllers.arrays import Array, Positive, State, column, components, together
 from controllers.interfaces import Quantity, algorithm_constants, with_entries
 from controllers.observers.disturbance import DisturbanceObserver
-from controllers.observers.late_ball import LAG_NAME, LateBall, Tilt
+from controllers.observers.late_ball import LateBall, Tilt
+from controllers.observers.plate_estimates import LAG_NAME
 from controllers.observers.thesis import NOISE_VARIANCES
 
 KNOWN_QUANTITIES = (

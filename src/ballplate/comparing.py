@@ -150,8 +150,10 @@ def _check_arguments(
 
     Raises:
         ScenarioError: If an argument lacks the other one that it needs, or there is no such
-            scenario.
+            scenario, or it is named twice.
     """
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ScenarioError(f"{twice[0]}: given {names.count(twice[0])} times; give it once")
     if separator is not None and columns is None:
         pair = map(reporter.name_of, ("separator", "columns"))
         raise ScenarioError("{}: needs {}, the columns of a log of any rig".format(*pair))

@@ -102,6 +102,7 @@ CALLS = {
         for values in ("afl", {"kind": "afl"}, 5)
         for call in vary(all={"controller.kind": values})
     ],
+    "hold: given 2 times": [lambda: bp.compare("hold", "circle", "hold")],
     "names, files and results, got <": [lambda: bp.compare(object())],
     "count: must be at least 1": [
         lambda: bp.rig("hold", count=0),

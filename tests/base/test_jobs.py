@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from multiprocessing.shared_memory import SharedMemory
 
@@ -96,6 +97,14 @@ def test_leaving_ends_the_second_process_whatever_it_is_at(tmp_path):
         while not (tmp_path / "begun").exists():
             time.sleep(0.01)
     assert gone(process)
+
+
+def test_leaving_a_second_process_leaves_no_thread_that_python_wakes_at_the_end():
+    before = threading.active_count()
+    for _ in range(5):
+        with SecondProcess(wanted=True) as second:
+            second.begin(time.sleep, 30.0)
+        assert threading.active_count() == before
 
 
 def test_a_second_process_leaves_ctrl_c_to_the_first_even_while_it_starts():

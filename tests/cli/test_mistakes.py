@@ -132,6 +132,7 @@ LINES = {
     "bench verify nope": "nope: no finished entry: no such folder; ballplate bench run writes one",
     "bench table mine": "mine: no finished entry: it has no scores.json",
     "run circle --on nope": "--on: rig 'nope': not found (known:",
+    "run circle --on scope.log": "--on: scope.log: not a TOML file:",
     "play hold --on tubbe": "--on: rig 'tubbe': not found; did you mean 'tube'?",
     "run circle --on nope.toml": "--on: rig 'nope.toml': not found",
     "identify log.csv --on nope": "--on: rig 'nope': not found",

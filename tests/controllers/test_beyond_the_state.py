@@ -14,7 +14,7 @@ from controllers.classical import AFL
 from controllers.controller import Controller
 from controllers.interfaces import Law
 from controllers.observers import FrictionKalman, Luenberger
-from controllers.observers.late_ball import LagSearch
+from controllers.observers.plate_estimates import LagSearch
 from controllers.references import Circle, Hold
 from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion

@@ -13,7 +13,7 @@ from controllers.ballplate import BallPlate
 from controllers.interfaces import catalog_settings
 from controllers.observers import FrictionKalman, FrictionMapKalman
 from controllers.observers.friction import EstimateBounds, ImpactTest
-from controllers.observers.late_ball import LagSearch
+from controllers.observers.plate_estimates import LagSearch
 
 MODEL = BallPlate()
 T = 0.002

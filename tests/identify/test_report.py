@@ -1,10 +1,13 @@
 """`twin.identify.report`: What the errors on the held-out part are said to show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from twin.identify.report import sentences
-from twin.identify.verdicts import Identification, Predicted, score
+from twin.identify.parameters import IdentifiedParameter
+from twin.identify.report import further_notes, reasons, sentences, write
+from twin.identify.verdicts import Identification, ParameterVerdict, Predicted, score
 
 
 def said(windows, *, seen_after=2.0, off=0.02):
@@ -64,3 +67,33 @@ def test_a_horizon_that_only_a_few_windows_reach_decides_nothing():
     found = score({"x": Predicted(np.arange(8) / 2.0, ahead, ball, by)})
     assert list(found.known) == [8, 8, 2]
     assert "WORSE" not in " ".join(sentences(of_score(found)))
+
+
+SHORT = "1 stretch of 0.87 s with the ball seen every 0.5 s, at least 3 are needed"
+OPEN = "the full model leaves the gain open; "
+
+
+def unfitted(whys, notes=()):
+    """An identification whose parameters p0, p1, ... have these reasons."""
+    verdicts = tuple(
+        ParameterVerdict(about=IdentifiedParameter(f"p{n}", "", ""), name=f"p{n}", why=why)
+        for n, why in enumerate(whys)
+    )
+    return replace(of_score(None), verdicts=verdicts, scores=(), notes=tuple(notes))
+
+
+def test_a_reason_that_parameters_share_is_given_once(tmp_path):
+    found = unfitted([SHORT, "", SHORT, "another", ""], [f"not identified: x: {SHORT}", "more"])
+    assert reasons(found) == [f"p0, p2: {SHORT}", "p3: another"]
+    assert further_notes(found) == ["more"]
+    write(found, tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert page.count(SHORT) == 1
+    assert page.count("as for p0") == 1
+    assert "as for p1" not in page
+
+
+def test_a_note_is_left_out_only_where_a_parameter_has_its_reason():
+    notes = [f"not identified: x: {SHORT}", "not identified: y: too quiet", "p: another"]
+    assert further_notes(unfitted([OPEN + SHORT, "another"], notes)) == notes[1:]
+    assert further_notes(unfitted([], notes)) == notes

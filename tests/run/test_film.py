@@ -280,6 +280,29 @@ def test_the_mechanism_in_3d_shows_ball_and_tilt_or_says_what_it_needs(circle):
     assert orange((np.nan, np.nan), level) is None
 
 
+@pytest.mark.parametrize("tilt", [(0, 0), (0.15, -0.1)])
+def test_in_3d_the_path_lies_on_the_plate_without_a_gap(circle, tilt):
+    try:
+        stage = Stage(circle, (640, 360))
+    except RecordError as error:
+        pytest.skip(str(error))
+    path = np.stack((np.linspace(-0.2, 0.2, 150), np.full(150, -0.05)), axis=1)
+
+    def shown(ball, path):
+        return np.asarray(stage.drawn(np.array(ball), np.array(tilt), path), int)
+
+    bare = shown((np.nan, np.nan), path[:0])
+
+    def columns_changed(picture):
+        return np.unique(np.nonzero(np.abs(picture - bare).max(axis=2) > 40)[1])
+
+    # balls at its ends show where it begins and ends
+    begin, end = (columns_changed(shown(path[k], path[:0])).mean() for k in (0, -1))
+    covered = columns_changed(shown((np.nan, np.nan), path))
+    assert covered[[0, -1]] == pytest.approx((begin, end), abs=6)
+    assert (np.diff(covered) == 1).all()
+
+
 def test_in_3d_cranks_stand_where_their_rods_have_their_lengths():
     keys = ("parameters=course", "duration=0.1", "metrics.start=0")
     try:

@@ -162,6 +162,28 @@ def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():
     assert "at rest" not in after
 
 
+@pytest.mark.parametrize(
+    ("moved_s", "length_s", "taught", "needed_s"),
+    [
+        (4.96, 25.0, "The twin learned.", 30),  # 20 s, and 5 s of a ball that moves all the time
+        (2.5, 25.0, "The twin learned.", 35),  # of one that moves half of the time
+        (2.0, 2.5, "", 10),
+        (3.96, 4.0, "", 10),
+        (0.5, 25.0, "The twin learned.", None),  # more of a ball that rests shows no more
+        (0.0, 60.0, "", None),
+    ],
+)
+def test_a_log_that_is_too_short_for_a_verdict_says_how_long_to_record(
+    moved_s, length_s, taught, needed_s
+):
+    seen = {"verdict": "cannot tell", "moved_s": moved_s, "length": length_s, "taught": taught}
+    seen |= {"score_median": None, "inside_band": None, "error_1s": None, "replays": None}
+    seen |= {"wall_note": "", "foreign": False, "differences": (), "gaps": (), "alarms": []}
+    (said,) = sentences(SimpleNamespace(**seen))
+    assert ("Record at least" in said) == (needed_s is not None)
+    assert needed_s is None or f" Record at least {needed_s} s (a run: --set duration=" in said
+
+
 def test_a_twin_that_learned_calls_healthy_only_what_came_later(monkeypatch):
     monkeypatch.setattr("twin.shadow.report.indistinguishable", lambda _: [])
     seen = {"verdict": "healthy", "moved_s": 40.0, "length": 60.0, "alarms": [], "wall_note": ""}

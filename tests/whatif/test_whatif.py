@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Measurement
-from twin.base.errors import TwinError
+from twin.base.errors import ScenarioError, TwinError
 from twin.cli import ballplate
 from twin.run import finished
+from twin.run.assemble import assemble
 from twin.run.controller_building import build_controller
 from twin.run.exporters import export
 from twin.run.logs import NEEDED_COLUMNS
@@ -376,9 +377,53 @@ def test_faults_that_the_virtual_rig_had_are_said_to_be_left_out(run, monkeypatc
     )
 
 
+@pytest.mark.parametrize(
+    ("rig", "scenario", "play_deg"),
+    [("hobby", "circle", 0.0), ("beam", "line", 0.1)],
+)
+def test_behind_slow_drives_the_plate_begins_at_the_angle_of_the_log(
+    tmp_path, rig, scenario, play_deg
+):
+    """A tilt 0.1 deg off moves a ball by 5 mm in a second, above which a future is not reliable."""
+    keys = (f"parameters={rig}", "plant.kind=lagrange", "duration=5", "metrics.start=2")
+    done = finished.run(load(scenario, keys))
+    finished.record_run(done, tmp_path / "run")
+    (opened,) = open_run(tmp_path / "run")
+    names = [each for each in (*COLUMNS, "true_phi") if each in opened.rows]
+    columns = {each: opened.rows[each] for each in names}
+    true = columns.pop("true_phi")
+    export(tmp_path / "log.csv", columns, {each: opened.units[each] for each in columns})
+    errors = []
+    for at in np.arange(2.0, 5.0, 0.5):
+        moment = moment_of(tmp_path / "log.csv", at, scenario, keys)
+        with assemble(moment.scenario, unseen=True)[0] as twin:
+            twin.read()
+            twin.start()
+            moment.put(twin)
+            at_row = np.searchsorted(columns["time"], moment.at - 1e-9)
+            errors.append(np.degrees(twin.devices.state[0, 2] - true[at_row]))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.1 + play_deg
+
+
 def test_settings_hold_for_every_branch():
     assert branches_of(["a=1"], []) == [("a=1",)]
     assert branches_of(["a=1"], ["b=2; c=[1, 2]", ""]) == [("a=1", "b=2", "c=[1, 2]"), ("a=1",)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "more", "said"),
+    [
+        ([], ["a=1", "b=2", "a=1"], r"--branch 'a=1': equal to an earlier one"),
+        ([], ["a=1; b=[1, 2]", "b=[1,2];a=1.0"], r"--branch 'b=\[1,2\];a=1.0': equal"),
+        (["a=1"], ["", ""], "--branch '': equal"),
+        ([], ["a=1; a=2"], "--branch 'a=1; a=2': a is given twice"),
+        (["a=1"], ["a=2"], "--branch 'a=2': a is given twice"),
+        (["a=1", "a=2"], [], "--set: a is given twice"),
+    ],
+)
+def test_a_branch_or_key_that_is_given_twice_is_refused(settings, more, said):
+    with pytest.raises(ScenarioError, match=said):
+        branches_of(settings, more)
 
 
 @pytest.mark.long

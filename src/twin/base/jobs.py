@@ -244,9 +244,11 @@ def pool(processes: int) -> Iterator[_Pool]:
         yield executor
     finally:
         # whatever ended this early, nobody wants the rest any more
-        executor.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
+        # its thread must have ended: at the end of the program Python wakes one that is ending, and
+        # may then write to a pipe that it has closed
+        executor.shutdown(cancel_futures=True)
 
 
 def let_go(process: BaseProcess) -> None:

@@ -18,6 +18,7 @@ from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.rig_access import EMULATED_RIG
 from controllers import LAWS_CLOSED_VARIABLE
+from twin.base.data_file import DataError, read_toml
 from twin.base.errors import ScenarioError, ViewError, naming, plural, shorten, suggest_setting
 from twin.base.shipped import chosen, find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
@@ -234,11 +235,15 @@ def check_rig_name(context: click.Context, option: click.Parameter, name: str | 
     """The name of a rig, kept for later readers; a wrong one is reported at once.
 
     Raises:
-        ScenarioError: If there is no such rig.
+        ScenarioError: If there is no such rig, or its file is none.
     """
     if name is not None:
         with naming(option.opts[-1]):
-            chosen("rig", name, shipped_in("rigs"))
+            file = chosen("rig", name, shipped_in("rigs"))
+            try:
+                read_toml(file)
+            except DataError as error:
+                raise ScenarioError(f"{name}: {error}") from error
     _note(context, option, name)
     return name
 

@@ -432,6 +432,7 @@ def trace(
     encoders, motors and commands, whoever drove.
     --replay sends the host's frames to emulated drives, and reports different answers.
     """
+    from twin.devices.akd.conversation_summary import list_remarks, summarise
     from twin.devices.akd.decoding import Conversation, TracedEvent
     from twin.devices.akd.findings import assess
     from twin.devices.akd.object_names import Names
@@ -458,12 +459,16 @@ def trace(
     if again:
         return _replay(file, found, names, drives)
     conversation = Conversation(found.frames, names, drives, timed=found.timed)
-    summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
-    summary["timed"] = found.timed
-    remarks = [*found.remarks, *names.sheet.remarks, *conversation.remarks()]
+    summary = {
+        "trace": str(file),
+        "channel": found.channel,
+        "frames": len(found.frames),
+        "timed": found.timed,
+    }
+    remarks = [*found.remarks, *names.sheet.remarks, *list_remarks(conversation)]
     conversation.bitrate = bitrate or conversation.bitrate
     verdict = assess(conversation, found.remarks)
-    summary |= verdict.as_dict() | conversation.summary() | {"remarks": remarks}
+    summary |= verdict.as_dict() | summarise(conversation) | {"remarks": remarks}
     events = [event._asdict() for event in conversation.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:

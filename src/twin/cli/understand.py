@@ -167,15 +167,14 @@ def identify(
     from ballplate.identifying import identify as identify_log
 
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
-    from twin.identify.report import TABLE_HEADINGS, rows
+    from twin.identify.report import TABLE_HEADINGS, further_notes, reasons, rows
     from twin.identify.verdicts import IDENTIFIED_VERDICT, PLAIN_VERDICT
 
     done.save(folder)
     found = done.found
-    why = (f"{each.label}: {each.why}" for each in found.verdicts if each.why)
-    notes = (f"note: {note}" for note in found.notes if note not in found.warned)
+    notes = (f"note: {note}" for note in further_notes(found) if note not in found.warned)
     table = Table("", TABLE_HEADINGS, rows(found), words=(0, *range(3, len(TABLE_HEADINGS))))
-    shown = (table, *why, *done.sentences, *notes)
+    shown = (table, *reasons(found), *done.sentences, *notes)
     words = {each.word for each in found.verdicts}
     files_written = "report.html, parameters.toml" if IDENTIFIED_VERDICT in words else "report.html"
     show(found.as_dict(), shown, folder, files_written)

@@ -30,6 +30,8 @@ from twin.run.picture import RUN_COLOURS, styled_figure
 TABLE_HEADINGS = ("parameter", "value", "95 % interval", "unit", "verdict")
 BASELINE_NAMES = {"stays": "a ball that stays", "goes on": "one that goes on at its velocity"}
 LEVEL_FOLLOWED = "level followed"
+UNFITTED_AXIS_NOTE = "not identified: "
+"""Beginning of the note on an axis without a full fit; axis and reason follow."""
 WORSE_SHARE = 0.02
 """Share by which a model may be worse than a baseline before the report mentions it."""
 
@@ -164,6 +166,30 @@ def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
     ]
 
 
+def labels_by_reason(found: Identification) -> dict[str, list[str]]:
+    """What is wrong with parameters, each reason with the labels of all that have it."""
+    return {
+        why: [each.label for each in found.verdicts if each.why == why]
+        for why in dict.fromkeys(each.why for each in found.verdicts if each.why)
+    }
+
+
+def reasons(found: Identification) -> list[str]:
+    """What is wrong with parameters, in words; each reason once."""
+    return [f"{', '.join(labels)}: {why}" for why, labels in labels_by_reason(found).items()]
+
+
+def further_notes(found: Identification) -> list[str]:
+    """The notes, without those that repeat a reason of the parameters."""
+    whys = labels_by_reason(found)
+
+    def repeats(note: str) -> bool:
+        reason = note.partition(UNFITTED_AXIS_NOTE)[2].partition(": ")[2]
+        return bool(reason) and any(why.endswith(reason) for why in whys)
+
+    return [note for note in found.notes if not repeats(note)]
+
+
 def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED_VERDICT,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     lines = [
@@ -181,7 +207,11 @@ def write(found: Identification, folder: Path) -> None:
         RecordError: If a file cannot be written.
     """
     good = any(each.word == IDENTIFIED_VERDICT for each in found.verdicts)
-    verdicts = [(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)]
+    first = {why: labels[0] for why, labels in labels_by_reason(found).items()}
+    verdicts = [
+        (*row, each.why if first.get(each.why, row[0]) == row[0] else f"as for {first[each.why]}")
+        for row, each in zip(rows(found), found.verdicts, strict=True)
+    ]
     blocks: list[Block] = [
         Verdict(sentences(found), good),
         Table(
@@ -193,7 +223,7 @@ def write(found: Identification, folder: Path) -> None:
             "with the ball's start in every window.",
         ),
         *_held_out(found),
-        Text([found.extent, *found.notes], "The log"),
+        Text([found.extent, *further_notes(found)], "The log"),
     ]
     page.write(folder / "report.html", f"Identification from {found.source}", blocks)
     if good:

@@ -168,6 +168,10 @@ class Stage:
     CAMERA = {"azimuth": 112.0, "elevation": -26.0, "distance": 1.0, "lookat": (0.0, 0.0, -0.02)}  # noqa: RUF012
     CLEAR = (0.73, 0.76, 0.80, 1.0)
     """Colour of the reference's path."""
+    PATH_LIFT_M = 0.0012
+    """Height of the path above the plate's surface, in which it would be hidden, m."""
+    SHADOW_MAP_SIZE = 1024
+    """Width in pixels of the map of shadows; a renderer without a GPU fills all of it."""
 
     def __init__(self, run: Run, size: tuple[int, int]) -> None:
         import mujoco  # noqa: PLC0415  heavy, as are the others: a picture from above needs none
@@ -181,6 +185,8 @@ class Stage:
         self._model = drawn_mechanism(run.scenario)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
         self._data, self._at = mujoco.MjData(self._model), Addresses.of(self._model)
+        self._model.vis.quality.shadowsize = self.SHADOW_MAP_SIZE
+        self._path_width = 2.0 * size[0] / FILM_PANEL_PLACES["plate"][2]
         self._renderer = _offscreen(self._model, size)
         self._camera = mujoco.MjvCamera()
         mujoco.mjv_defaultFreeCamera(self._model, self._camera)
@@ -212,15 +218,14 @@ class Stage:
         gl.mj_forward(self._model, data)
         self._renderer.update_scene(data, self._camera)
         scene = self._renderer.scene
-        radius = self._model.geom("ball").size[0]
-        for one, other in pairwise(
-            placed(path[:: max(1, len(path) // 200)], self._height - radius)
-        ):
+        surface = self._height - self._model.geom("ball").size[0]
+        corners = path[:: max(1, len(path) // 200)]
+        for one, other in pairwise(placed(corners, surface + self.PATH_LIFT_M)):
             if np.isfinite((one, other)).all():
                 geom = scene.geoms[scene.ngeom]
-                kind = gl.mjtGeom.mjGEOM_CAPSULE
+                kind = gl.mjtGeom.mjGEOM_LINE  # hundreds of solids would take most of the time
                 gl.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), self.CLEAR)
-                gl.mjv_connector(geom, kind, 0.0012, one, other)
+                gl.mjv_connector(geom, kind, self._path_width, one, other)
                 scene.ngeom += 1
         return Image.fromarray(self._renderer.render())
 

@@ -8,6 +8,7 @@ the rows so far, at most those of the last minute.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -51,6 +52,8 @@ LEAST_TOLD = 5.0
 """Minimum motion in s for a verdict on the rig's health."""
 STRIDE_S = 5.0
 """Seconds of a run after which its twin is asked again."""
+ADVISED_STEP_S = 5.0
+"""Step in s of the lengths of a log that are advised."""
 PENDING_S = 1.0
 """Seconds at the end of the recorded rows that are not evaluated yet."""
 LEAD_IN = 4.0
@@ -205,6 +208,18 @@ def median_score(log: PreparedLog, belief: Belief, missing: Array) -> float:
     return 1.0 if score is None else score
 
 
+def describe_recording(needed_s: float) -> str:
+    """How long to record, in words: more than a time, in whole ``ADVISED_STEP_S``.
+
+    More, as a log ends a dead time after the last position of the ball.
+
+    Args:
+        needed_s: Time that the verdict needs, s.
+    """
+    whole = ADVISED_STEP_S * (math.floor(needed_s / ADVISED_STEP_S) + 1)
+    return f"Record at least {whole:g} s (a run: --set duration={whole:g})"
+
+
 class Follower:
     """Judges a log, whole or as it grows.
 
@@ -266,7 +281,9 @@ class Follower:
         until = float(log.segments[0].time[0]) + LEARNING_S
         if now < until + PENDING_S:
             raise LogError(
-                f"{log.source}: must be longer than the {LEARNING_S:g} s in which the twin learns"
+                f"{log.source}: is {now - until + LEARNING_S:.3g} s long, but the twin learns from "
+                f"the first {LEARNING_S:g} s, and the ball must move for {LEAST_TOLD:g} s after "
+                f"them; {describe_recording(LEARNING_S + LEAST_TOLD).lower()}"
             )
         first = beginning(log)
         if self._reference is not None:

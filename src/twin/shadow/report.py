@@ -39,7 +39,15 @@ from twin.shadow.belief import (
     twin_for_log,
 )
 from twin.shadow.causes import Alarm
-from twin.shadow.follow import DIAGNOSIS_S, LEAST_TOLD, PENDING_S, LiveFollower, Shadow, shadow
+from twin.shadow.follow import (
+    DIAGNOSIS_S,
+    LEAST_TOLD,
+    PENDING_S,
+    LiveFollower,
+    Shadow,
+    describe_recording,
+    shadow,
+)
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
 from twin.shadow.learning import LEARNING_S, SHOWN_LIMITS, HealthyTwin
 from twin.sim.plant.rim import Ends
@@ -199,6 +207,10 @@ def _test(panel: Axes, found: Shadow) -> None:
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
 
 
+MIN_MOVING_SHARE = 0.2
+"""Share of the time for which a ball moves, below which a longer log is not what is missing."""
+
+
 def sentences(found: Shadow) -> list[str]:
     """The verdict in words."""
     moved_s, length = found.moved_s, found.length
@@ -217,7 +229,7 @@ def sentences(found: Shadow) -> list[str]:
         )
     elif found.verdict == "cannot tell" and len(found.gaps):
         words.append(
-            f"Cannot tell: gaps cut the log up, and only {moved_s:.0f} of its {length:.0f} usable "
+            f"Cannot tell: gaps cut the log up, and only {moved_s:.3g} of its {length:.0f} usable "
             "seconds are long enough without one and have a ball that moves. That is no sign of "
             "health."
         )
@@ -225,13 +237,14 @@ def sentences(found: Shadow) -> list[str]:
         words.append(
             f"Cannot tell: the twin learned from the first {LEARNING_S:g} of the log's "
             f"{length:.0f} usable seconds; after them the ball moved for less than the "
-            f"{LEAST_TOLD:g} s that are needed ({moved_s:.3g} s). That is no sign of health."
+            f"{LEAST_TOLD:g} s that are needed ({moved_s:.3g} s). That is no sign of "
+            f"health.{_advise_length(moved_s, length, LEARNING_S)}"
         )
     elif found.verdict == "cannot tell":
         words.append(
-            f"Cannot tell: the ball moved for {moved_s:.0f} of the log's {length:.0f} usable "
-            "seconds, and a ball at rest shows neither friction nor level nor dead time. That is "
-            "no sign of health."
+            f"Cannot tell: the ball moved for {moved_s:.3g} of the log's {length:.0f} usable "
+            f"seconds; {LEAST_TOLD:g} s are needed, as a ball at rest shows neither friction nor "
+            f"level nor dead time. That is no sign of health.{_advise_length(moved_s, length, 0)}"
         )
     if found.verdict == "healthy":
         words += indistinguishable(found)
@@ -254,6 +267,20 @@ def sentences(found: Shadow) -> list[str]:
         )
     words += [f"{found.wall_note.capitalize()}."] if found.wall_note else []
     return words
+
+
+def _advise_length(moved_s: float, length_s: float, learned_s: float) -> str:
+    """How long to record a motion for a verdict, as a sentence; empty if the ball hardly moves.
+
+    Args:
+        moved_s: Time in s in which the ball moved after what was learned from.
+        length_s: Length of the log, s.
+        learned_s: Length of its beginning that the twin learned from, s.
+    """
+    if moved_s < MIN_MOVING_SHARE * (length_s - learned_s) or not moved_s:
+        return ""
+    needed_s = learned_s + LEAST_TOLD * (length_s - learned_s) / moved_s
+    return f" {describe_recording(needed_s)}."
 
 
 def _describe_comparison(found: Shadow) -> list[str]:

@@ -178,8 +178,21 @@ def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str,
     Args:
         settings: ``key=value`` of all branches.
         more: One text per branch, ``key=value; key=value``; empty for one branch.
+
+    Raises:
+        ScenarioError: If a branch has a key twice, or two branches are equal.
     """
-    return [(*settings, *own) for own in map(split_settings, more or [""])]
+    found = [(*settings, *own) for own in map(split_settings, more or [""])]
+    changes = [list(map(setting, each)) for each in found]
+    for pairs, text in zip(changes, more or [""], strict=True):
+        keys = [key for key, _ in pairs]
+        if twice := [key for key in keys if keys.count(key) > 1]:
+            where = f"--branch '{text}'" if text else "--set"
+            raise ScenarioError(f"{where}: {twice[0]} is given twice; give it once")
+    for number, pairs in enumerate(changes):
+        if any(dict(pairs) == dict(each) for each in changes[:number]):
+            raise ScenarioError(f"--branch '{more[number]}': equal to an earlier one; give it once")
+    return found
 
 
 def _left_out(run: Run) -> Iterator[str]:

@@ -117,7 +117,7 @@ class Synchronisation:
         duration_s: Time in s for which the twin follows the log before the prediction starts.
         catch_up_s: Time in s of it within which the plate tilts from level to the log's angle.
         plate_time_constant_s: Time constant in s with which the plate is held at the log's angles.
-        smoothed_rows: Rows over which the angles that encoders count are smoothed.
+        smoothed_s: Time in s over which the angles that encoders count are smoothed.
         observer_s: Longest time in s for which an observer reads the log; a law with a memory reads
             all of it.
         compared_s: Time in s before the moment over which twin and record are compared.
@@ -127,7 +127,7 @@ class Synchronisation:
     duration_s: float = 0.6
     catch_up_s: float = 0.3
     plate_time_constant_s: float = 0.1
-    smoothed_rows: int = 21
+    smoothed_s: float = 0.042
     observer_s: float = 60.0
     compared_s: float = 1.0
     max_distance_mm: float = 5.0
@@ -416,10 +416,7 @@ def _synchronise(
     begin = at - ticks * period
     rig.devices.begin_at(begin)
     times = begin + period * np.arange(ticks + 1)
-    smooth = scipy.signal.savgol_filter(
-        log.plate, min(about.smoothed_rows, len(log.plate)), 1, axis=0
-    )
-    angle = interpolate(times, log.time, smooth)
+    angle = interpolate(times, log.time, _smooth(log.plate, about.smoothed_s / period))
     rate = log.commanded(times)
     catch_up = min(about.catch_up_s, max(about.duration_s / 2, period))
     share = np.minimum(1.0, (times - begin) / catch_up)
@@ -434,16 +431,24 @@ def _synchronise(
     rig.supervisor.forget_ball()
     for tick in range(ticks):
         rig.devices.place(state[tick : tick + 1])
-        rig.read()
+        measured = rig.read().y[0, 1::2]  # behind drives that lag it is not what was commanded
         # d/dt (blend angle), and the error of the angle fed back
         blend_rate = (blend[tick + 1] - blend[tick]) / period
         forward = blend[tick] * rate[tick] + blend_rate * angle[tick]
-        error = blend[tick] * angle[tick] - rig.supervisor.angle[0]
+        error = blend[tick] * angle[tick] - measured
         rig.write((forward + error / about.plate_time_constant_s)[None])
         rig.wait()
     rig.devices.place(state[ticks : ticks + 1])
     rig.supervisor.rate = log.commanded(np.array([at - period]))
     return rig.read()
+
+
+def _smooth(angles: Array, rows: float) -> Array:
+    """Angles of shape (K, 2), each the mean of so many rows around it, an odd number of them."""
+    window = min(2 * int(rows / 2) + 1, len(angles))
+    if window < 3:
+        return angles
+    return np.asarray(scipy.signal.savgol_filter(angles, window, 1, axis=0))
 
 
 def _largest_distance(

@@ -6,6 +6,7 @@ import can
 import pytest
 
 from twin.base.errors import LogError
+from twin.devices.akd.conversation_summary import list_remarks, summarise
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.eds import read_data_sheet
 from twin.devices.akd.object_names import Names
@@ -141,10 +142,10 @@ def test_what_is_at_fault_costs_itself_and_a_remark(tmp_path, good, bad, remark)
 def test_a_pdo_is_found_by_the_identifier_of_the_file(tmp_path, text):
     heard = [frame(0.0, 0x285, "0000c03f"), frame(0.1, 0x285, "000080bf")]
     told = Conversation(heard, Names(sheet(tmp_path, text)))
-    assert told.summary()["pdos"] == {
+    assert summarise(told)["pdos"] == {
         "285h": {"node": 5, "name": "TPDO1", "entries": ["2300h Spannung über Phase"]}
     }
-    signal = told.summary()["nodes"]["5"]["signals"]["2300h Spannung über Phase"]
+    signal = summarise(told)["nodes"]["5"]["signals"]["2300h Spannung über Phase"]
     assert signal == {"from": -1.0, "to": 1.5, "unit": ""}
 
 
@@ -185,7 +186,7 @@ CONFIGURED = (
 
 def test_the_value_of_a_configured_device_is_its_own(tmp_path):
     heard = [frame(0.0, 0x3C5, "0000c03f"), frame(0.1, 0x187, "3702")]
-    told = Conversation(heard, Names(sheet(tmp_path, CONFIGURED, "a.dcf"))).summary()["pdos"]
+    told = summarise(Conversation(heard, Names(sheet(tmp_path, CONFIGURED, "a.dcf"))))["pdos"]
     assert told["3C5h"] == {"node": 5, "name": "TPDO1", "entries": ["2300h Spannung über Phase"]}
     assert told["187h"]["entries"] == ["6041h Status word"]  # node 7 is none of that file
 
@@ -258,7 +259,7 @@ def test_a_file_of_another_vendor_is_told(tmp_path):
     for each in heard:
         each.is_extended_id = False
     told = Conversation(heard, Names(sheet(tmp_path, SHEET)))
-    assert told.remarks() == [
+    assert list_remarks(told) == [
         "node 1: the EDS file is not used: it is of vendor 123h, the node of FBh"
     ]
 

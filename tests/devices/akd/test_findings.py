@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from twin.cli.trace_report import verdict_lines
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
+from twin.devices.akd.conversation_summary import list_remarks, summarise
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.findings import Severity, assess, kinds
 from twin.devices.akd.recording import TraceWriter
@@ -779,7 +780,7 @@ def test_a_frame_of_the_host_that_somebody_else_sends_means_two_hosts():
     assert (its.code, its.time) == ("two-hosts", pytest.approx(1.5005, abs=0.001))
     heard = sorted([*own, *echoed, *BEATS], key=lambda each: each.timestamp)
     conversation = Conversation(heard)
-    assert conversation.remarks() == ["left out: 300 frames that the adapter handed back"]
+    assert list_remarks(conversation) == ["left out: 300 frames that the adapter handed back"]
     assert len(conversation.sync) == 300
 
 
@@ -850,7 +851,7 @@ def test_a_guarded_node_that_nobody_asks_is_not_lost():
     told = Conversation(sorted([*asked, *others], key=lambda each: each.timestamp))
     assert told.nodes[5].frames == {"guard answer": 60}
     assert told.nodes[5].states == ["operational"]
-    assert "heartbeat of node 5" not in told.summary()["regular"]
+    assert "heartbeat of node 5" not in summarise(told)["regular"]
     beats = [each for each in asked if not each.is_remote_frame]
     assert one("node-lost", *without(beats, 3.05), *others).node == 5
 

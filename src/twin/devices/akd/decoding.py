@@ -8,7 +8,6 @@ objects (`object_dictionaries`).
 
 from __future__ import annotations
 
-import math
 from array import array
 from collections import Counter
 from collections.abc import Sequence
@@ -147,7 +146,8 @@ class Conversation:
         """Seconds from the first frame to the last."""
         self.strangers: Counter[int] = Counter()
         """Frames of no service of CANopen, by identifier."""
-        self._long: Counter[int] = Counter()
+        self.long_identifiers: Counter[int] = Counter()
+        """Those of 29 bits among them."""
         self.errors: Counter[str] = Counter()
         """Error frames by what they say."""
         foreign, echoes = list_foreign(heard)
@@ -157,7 +157,8 @@ class Conversation:
         """Frames that the adapter handed back to its host; they are left out."""
         self.timed = timed
         """Whether the frames have times, or their numbers instead."""
-        self._names = names or Names()
+        self.names = names or Names()
+        """What objects are called."""
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
         self._frame = 0
         self._sdo: dict[int, OpenTransfer] = {}
@@ -168,9 +169,9 @@ class Conversation:
         self.bitrate: int | None = rig.bus.bitrate if rig else None
         """Bit rate of the bus in bit/s; None if it is not known."""
         there, identities = find_identities(heard)
-        self.objects = ObjectDictionaries(self._names, rig, identities, self.observed.changes)
+        self.objects = ObjectDictionaries(self.names, rig, identities, self.observed.changes)
         """What the nodes' objects are, and hold at its end."""
-        node_of_sheet = self._names.sheet.node or 0
+        node_of_sheet = self.names.sheet.node or 0
         self._table = PdoTable(self.objects, self._settings, there, node_of_sheet)
         self.pdos = self._table.by_identifier
         """PDOs by their identifier, as the trace has them at its end."""
@@ -195,7 +196,7 @@ class Conversation:
         answered = any(each.end is not None for each in seen.transfers)
         return bool(
             self._axes
-            or self._names.sheet.objects
+            or self.names.sheet.objects
             or seen.life
             or seen.guards
             or seen.commands
@@ -222,6 +223,11 @@ class Conversation:
         self.events = [each for each in self.events if each.kind == "bus"]
         self.observed.streams.clear()
         self.strangers = Counter(each.arbitration_id for each in heard if not each.is_error_frame)
+
+    @property
+    def described(self) -> set[int]:
+        """Nodes whose settings of PDOs the trace shows."""
+        return self._settings.described
 
     @property
     def sync(self) -> array[float]:
@@ -252,61 +258,6 @@ class Conversation:
         """Whether a drive has several axes."""
         return node in self.nodes and bool(self.nodes[node].axes)
 
-    def summary(self) -> dict[str, Any]:
-        """The output of ``--json``, without the events."""
-        nodes = {f"{each}": {**vars(node), "signals": {}} for each, node in self.nodes.items()}
-        for (number, key), series in self.series.items():
-            known = [value for value in series.counts if math.isfinite(value)]
-            if known and not self.objects.reports_changes(number, key):
-                factor, unit = self.objects.scale(number, key)
-                ends = [each(known) * (factor if unit else 1) for each in (min, max)]
-                low, high = sorted(ends)
-                its = {"from": low, "to": high, "unit": unit}
-                nodes[f"{number}"]["signals"][self.objects.name(number, key)] = its
-        pdos = {
-            f"{cob_id:03X}h": pdo._asdict()
-            | {"entries": [self.objects.name(pdo.node, k) for k, _ in pdo.entries]}
-            for cob_id, pdo in self.pdos.items()
-        }
-        strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
-        return {"begin": self.begin, "duration": self.duration, "nodes": nodes, "pdos": pdos} | {
-            "regular": {
-                self.label(stream): rhythm.summary()
-                for stream, rhythm in self.observed.rhythms.items()
-            },
-            "strangers": strangers,
-            "errors": dict(self.errors),
-        }
-
-    def remarks(self) -> list[str]:
-        """Facts reported nowhere else: frames that are left out, a file of a different vendor."""
-        remarks = []
-        if self.echoes:
-            remarks.append(f"left out: {plural(self.echoes, 'frame')} that the adapter handed back")
-        others = self.strangers - self._long
-        kinds = {"with 29-bit identifiers, no CANopen": self._long, "of no known service": others}
-        for kind, counts in kinds.items():
-            if counts:
-                shown = ", ".join(f"{each:X}h" for each in list(counts)[:3])
-                if len(counts) > 3:
-                    shown += ", ..."
-                remarks.append(f"not decoded: {plural(counts.total(), 'frame')} {kind} ({shown})")
-        remarks += [
-            f"{self.called(node)}: the trace does not show what its PDOs carry: decoded by "
-            "the defaults of CiA 402, as if it was a drive"
-            for node in sorted({node for node, _ in self.series} - self._settings.described)
-            if not self.objects.has_known_kind(node)
-        ]
-        has_sheet = bool(self._names.sheet.objects)
-        for node in sorted(self.nodes):
-            if has_sheet and not self.objects.is_of_sheet(node):
-                vendors = self._names.sheet.vendor or 0, self.objects.vendor(node) or 0
-                remarks.append(
-                    f"{self.called(node)}: the EDS file is not used: it is of vendor "
-                    f"{vendors[0]:X}h, the node of {vendors[1]:X}h"
-                )
-        return remarks
-
     def _node(self, number: int) -> Node:
         node = self.nodes.get(number)
         if node is None:
@@ -336,7 +287,7 @@ class Conversation:
             self._say(at, "adapter", "bus", f"error frame: {what}")
         elif message.is_extended_id:
             self.strangers[identifier] += 1
-            self._long[identifier] += 1
+            self.long_identifiers[identifier] += 1
         elif message.is_remote_frame:  # asks for a frame, and carries nothing
             node = identifier - protocol.HEARTBEAT
             if 0 < node <= protocol.NODE_MASK:
