@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # pytransform3d 3.17.0, UrdfTransformManager of a robot with a joint that has <mimic> (yourdfpy 0.0.60 for comparison).
-# Guess: such a joint follows the one that it names, by multiplier and offset, when that is set, as in yourdfpy, urchin,
-#   MuJoCo and Pinocchio; or the file is refused, as other errors in a URDF are.
+# Guess: such a joint follows the one that it names, by multiplier and offset, when that is set, as in yourdfpy, urchin and
+#   MuJoCo; or the file is refused, as other errors in a URDF are.
 # Seen: <mimic> is not read. The joint stays at 0 and is one to be set like any other: a camera that a linkage turns
 #   back by the angle of the plate, so that it stays level, tilts with it. No warning.
 # Do: set_joint for each mimic joint, with multiplier * angle + offset, after every set_joint of the other.
