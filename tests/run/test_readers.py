@@ -311,6 +311,25 @@ def test_groups_of_a_measurement_file_keep_their_times_and_units(tmp_path):
     np.testing.assert_allclose(axis.ball, X, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [("u1", [-1, 0.5, 0.5, 0.5, 1.25, 1.25, -1]), ("f8", [-1, 0.5, 0.5, -1, 1.25, -1, -1])],
+)
+def test_integers_within_a_range_of_a_measurement_file_have_its_number(tmp_path, kind, expected):
+    from asammdf import MDF, Signal
+    from asammdf.blocks.conversion_utils import from_dict
+
+    raw = np.array([2, 3, 5, 9, 10, 20, 25], dtype=kind)
+    ranges = from_dict(
+        {"lower_0": 3, "upper_0": 9, "phys_0": 0.5, "lower_1": 10, "upper_1": 20, "phys_1": 1.25}
+        | {"default": -1}
+    )
+    with MDF() as file:
+        file.append([Signal(raw, T[: len(raw)], name="x", conversion=ranges)])
+        file.save(tmp_path / "a.mf4")
+    np.testing.assert_array_equal(foreign_table(tmp_path / "a.mf4").columns["x"], expected)
+
+
 def test_samples_that_a_measurement_file_marks_as_invalid_are_left_out(tmp_path):
     from asammdf import MDF, Signal
 

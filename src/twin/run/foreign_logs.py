@@ -13,6 +13,7 @@ from twin.base.errors import LogError, TwinError, one_line
 from twin.base.foreign import kind_of, with_article
 from twin.run.bags import read_bag, read_mcap
 from twin.run.json_logs import read_json
+from twin.run.mdf_logs import read_mdf
 from twin.run.octave_logs import read_octave
 from twin.run.readers import (
     ForeignTable,
@@ -20,7 +21,6 @@ from twin.run.readers import (
     read_excel,
     read_hdf5,
     read_matlab,
-    read_mdf,
     read_numpy,
     read_parquet,
     read_tdms,

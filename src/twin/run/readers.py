@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from twin.base.data_file import DataError, parse_json
 from twin.base.errors import LogError
-from twin.base.finalisers import quiet_finalisers
 from twin.base.parts import extra
 from twin.run.exporters import JSON_VARIABLE, METADATA_KEY
 from twin.run.record import MOST_COLUMNS, MOST_ROWS, check_size, max_unpacked
@@ -170,7 +169,7 @@ def read_numpy(path: Path) -> ForeignTable:
     notes = []
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
-        _check_bytes(sum(entry.file_size for entry in entries), path)
+        check_bytes(sum(entry.file_size for entry in entries), path)
         for entry in entries:
             name = entry.filename.removesuffix(".npy")
             with archive.open(entry) as file:
@@ -206,7 +205,7 @@ def _array(file: Any, size: int) -> NDArray[Any]:
     return np.lib.format.read_array(file, allow_pickle=False)
 
 
-def _check_bytes(unpacked: int, path: Path) -> None:
+def check_bytes(unpacked: int, path: Path) -> None:
     """Make sure that a file does not unpack into what only fills the memory.
 
     Raises:
@@ -226,7 +225,7 @@ def read_matlab(path: Path) -> ForeignTable:
     from scipy.io import loadmat  # noqa: PLC0415  heavy: loaded when needed
     from scipy.io.matlab import MatlabFunction, MatlabOpaque  # noqa: PLC0415
 
-    _check_bytes(_unpacked_bytes(path), path)
+    check_bytes(_unpacked_bytes(path), path)
     found = loadmat(path, struct_as_record=False, squeeze_me=True, chars_as_strings=True)
     values = {name: value for name, value in found.items() if not name.startswith("__")}
     opaque = [name for name, v in values.items() if isinstance(v, MatlabOpaque | MatlabFunction)]
@@ -421,7 +420,7 @@ def _is_readable(dataset: Any, path: Path) -> bool:
         return False
     if dataset.is_virtual or dataset.external or not 1 <= len(dataset.shape) <= 2:
         return False
-    _check_bytes(dataset.size * dataset.dtype.itemsize, path)
+    check_bytes(dataset.size * dataset.dtype.itemsize, path)
     return True
 
 
@@ -461,7 +460,7 @@ def read_excel(path: Path) -> ForeignTable:
     with extra(LOGS_EXTRA, f"{path.name}: an Excel file"):
         from openpyxl import load_workbook  # noqa: PLC0415
     with zipfile.ZipFile(path) as archive:
-        _check_bytes(sum(entry.file_size for entry in archive.infolist()), path)
+        check_bytes(sum(entry.file_size for entry in archive.infolist()), path)
     with path.open("rb") as file:  # by its name openpyxl would go by the ending
         return _of_book(path, load_workbook(file, read_only=True, data_only=True, keep_links=False))
 
@@ -535,7 +534,7 @@ def read_tdms(path: Path) -> ForeignTable:
     with path.open("rb") as opened, TdmsFile.open(opened) as file:
         channels = [channel for group in file.groups() for channel in group.channels()]
         check_size(max(map(len, channels), default=0), len(channels), 1, path.stat().st_size)
-        _check_bytes(8 * sum(map(len, channels)), path)
+        check_bytes(8 * sum(map(len, channels)), path)
         for channel in channels:
             name = f"{channel.group_name}/{channel.name}"
             values = np.asarray(channel[:])
@@ -560,38 +559,3 @@ def read_tdms(path: Path) -> ForeignTable:
     apart = max(shifts.values())
     note = f"the waveforms start up to {apart:.3g} s apart: times count from the first start"
     return ForeignTable(columns, units, clocks=clocks, notes=(note,) if apart > 0 else ())
-
-
-def read_mdf(path: Path) -> ForeignTable:
-    """The channels of a measurement file of ASAM, each with the times of its group.
-
-    A channel of a name that several groups have is called ``NAME.GROUP``, groups counted from 1.
-    """
-    with extra(LOGS_EXTRA, f"{path.name}: a measurement file"):
-        from asammdf import MDF  # noqa: PLC0415
-    columns: dict[str, Array | list[str]] = {}
-    units: dict[str, str] = {}
-    clocks: dict[str, Array] = {}
-    with quiet_finalisers(), path.open("rb") as opened, MDF(opened) as file:
-        groups: list[Any] = list(file.groups)
-        rows = [group.channel_group.cycles_nr for group in groups]
-        every = [
-            (k, channel.name, number)
-            for k, group in enumerate(groups)
-            for number, channel in enumerate(group.channels)
-            if number != file.masters_db.get(k)
-        ]
-        check_size(max(rows, default=0), len(every), 1, path.stat().st_size)
-        _check_bytes(8 * sum(rows[k] for k, *_ in every), path)
-        names = [name for _, name, _ in every]
-        for k, name, number in every:
-            signal = file.get(group=k, index=number)
-            values = np.asarray(signal.samples)
-            if values.dtype.kind not in "biuf" or values.ndim != 1 or len(values) < 2:
-                continue
-            own = name if names.count(name) == 1 else f"{name}.{k + 1}"
-            columns[own] = numbers_of(values)
-            clocks[own] = np.asarray(signal.timestamps, dtype=float)
-            if signal.unit:
-                units[own] = str(signal.unit)
-    return ForeignTable(columns, units, clocks=clocks)
