@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # mdfreader 4.3, Mdf.get_channel_data of integer samples with a table of ranges (conversion "value range to value");
-#   the file is written by asammdf 8.8.28.
+#   the file is written by asammdf 8.8.28; mdfreader needs scipy (1.17.1) for it.
 # Guess: the numbers of the table, which are doubles in the file, are returned as such, as those of a plain table ("value
 #   to value", with or without interpolation) and of a linear conversion are.
 # Seen: they are put into the array of the raw samples, with its type: 0.5 and 1.25 come back as 0 and 1. No warning. A
@@ -13,7 +13,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 python3 -m venv env
-env/bin/pip install --quiet mdfreader==4.3 asammdf==8.8.28
+env/bin/pip install --quiet mdfreader==4.3 asammdf==8.8.28 scipy==1.17.1
 env/bin/python - <<'PY'
 from importlib.metadata import version
 
