@@ -121,9 +121,7 @@ def replay(
     places, speeds = np.empty((2, steps, *p.shape))
     places[0], speeds[0] = p, v
     speed = np.hypot(v[0], v[1])
-    age = None
-    if friction.ageing:
-        age = friction.aged(_age_at_start(friction, speed, paces), speed, h)
+    age = _age_at_start(friction, speed, paces) if friction.ageing else None
     per_arm = (model.c1 / model.radius) * field.normal
     grip = max(grip, h)
     # arrays that are written again in every step: making them anew would cost as much as the sums
@@ -182,7 +180,8 @@ def _age_at_start(friction: Friction, speed: Array, paces: Array | None) -> Arra
     age = friction.settled(any_lane + paces[:, 0])
     for pace in paces.T:
         age = friction.aged(age, any_lane + pace, SPEED_INTERVAL_S)
-    return age
+    # without dwell the age is that of the speed at the start
+    return friction.aged(age, speed, REPLAY_STEP_S)
 
 
 def _steps_first(values: Array) -> Array:
