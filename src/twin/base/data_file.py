@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from twin.base.errors import TwinError
+from twin.base.errors import ScenarioError, TwinError
 
 MAX_NESTING = 32
 """Levels of nesting."""
@@ -85,6 +85,23 @@ def read_toml(path: Path, *, regular: bool = False) -> dict[str, Any]:
         raise DataError(f"not a TOML file: {error}") from error
     except OSError as error:
         raise DataError(f"cannot be read: {error.strerror}") from error
+
+
+def read_tables(path: Path, called: str = "", *, regular: bool = False) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Args:
+        path: The file.
+        called: What a message calls it; its name by default.
+        regular: Whether it is a stranger's, as of ``read_regular``.
+
+    Raises:
+        ScenarioError: If it cannot be read.
+    """
+    try:
+        return read_toml(path, regular=regular)
+    except DataError as error:
+        raise ScenarioError(f"{called or path.name}: {error}") from error
 
 
 def read_packaged(package: str, name: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from twin.base.data_file import DataError, read_toml
+from twin.base.data_file import read_tables
 from twin.base.errors import ScenarioError, nearest, plural, shorten, suggest
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -62,23 +62,6 @@ def check_model(
         return model.model_validate({**tables, **instead})
     except ValidationError as error:
         raise ScenarioError(f"{source}: {first_finding(model, error)}") from None
-
-
-def read_tables(path: Path, called: str = "", *, regular: bool = False) -> dict[str, Any]:
-    """The tables of a TOML file.
-
-    Args:
-        path: The file.
-        called: What a message calls it; its name by default.
-        regular: Whether it is a stranger's, as of ``read_regular``.
-
-    Raises:
-        ScenarioError: If it cannot be read.
-    """
-    try:
-        return read_toml(path, regular=regular)
-    except DataError as error:
-        raise ScenarioError(f"{called or path.name}: {error}") from error
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from twin.base.data_file import read_toml
+from twin.base.data_file import read_tables, read_toml
 from twin.base.errors import ScenarioError, naming, nearest
 from twin.base.shipped import find, folder, shipped_scenarios
 from twin.base.writing import write_whole
@@ -89,8 +89,6 @@ def _begin_like(kind: str, like: str) -> Start:
     """
     start = START_FILES[kind]
     if kind == "scenario":
-        from twin.base.validation import read_tables
-
         with naming("--like"):
             file = find(like).resolve()
             read_tables(file)

@@ -18,7 +18,7 @@ from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.rig_access import EMULATED_RIG
 from controllers import LAWS_CLOSED_VARIABLE
-from twin.base.data_file import DataError, read_toml
+from twin.base.data_file import read_tables
 from twin.base.errors import ScenarioError, ViewError, naming, plural, shorten, suggest_setting
 from twin.base.shipped import chosen, find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
@@ -239,11 +239,7 @@ def check_rig_name(context: click.Context, option: click.Parameter, name: str | 
     """
     if name is not None:
         with naming(option.opts[-1]):
-            file = chosen("rig", name, shipped_in("rigs"))
-            try:
-                read_toml(file)
-            except DataError as error:
-                raise ScenarioError(f"{name}: {error}") from error
+            read_tables(chosen("rig", name, shipped_in("rigs")), name)
     _note(context, option, name)
     return name
 

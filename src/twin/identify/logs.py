@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from twin.base.data_file import read_tables
 from twin.base.errors import LogError
 from twin.base.shipped import shipped_in
-from twin.base.validation import read_tables
 from twin.identify.balls import ball_inertia
 from twin.run.files import is_record, log_file
 from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, SECOND_AXIS_COLUMNS, read_columns

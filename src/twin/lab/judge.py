@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from twin.base.data_file import DataError, read_regular
+from twin.base.data_file import DataError, read_regular, read_tables
 from twin.base.errors import (
     LawError,
     ScenarioError,
@@ -25,7 +25,6 @@ from twin.base.errors import (
 )
 from twin.base.parts import own_version
 from twin.base.shipped import shipped_in, shipped_scenarios
-from twin.base.validation import read_tables
 from twin.lab.deals import Deal, measured_columns
 from twin.lab.handed_in import copy_files, is_there, missing
 from twin.lab.process import ANSWER_NAME, AnswerProcess, OutOfTimeError, answering

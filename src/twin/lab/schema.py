@@ -11,9 +11,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.catalog import EXECUTION_LOG
+from twin.base.data_file import read_tables
 from twin.base.errors import ScenarioError, nearest, shorten
 from twin.base.shipped import shipped_labs
-from twin.base.validation import Checked, check_named_once, read_model, read_tables
+from twin.base.validation import Checked, check_named_once, read_model
 from twin.base.writing import why
 from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
 from twin.study.schema import Family, read_family

@@ -13,9 +13,10 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from controllers.catalog import LAWS_FOLDER, broken, describe_incomplete_classes, left_alone
+from twin.base.data_file import read_tables
 from twin.base.errors import ScenarioError, list_first, nearest
 from twin.base.shipped import chosen, find, shipped_in
-from twin.base.validation import BeyondModel, Model, first_finding, keys_of, read_tables
+from twin.base.validation import BeyondModel, Model, first_finding, keys_of
 from twin.scenario import schema
 from twin.scenario.changing import at_time, problem_of_changes
 from twin.scenario.merging import Tables, find_replaced, merge_tables, put, scale_lengths, setting

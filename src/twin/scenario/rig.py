@@ -16,9 +16,9 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field, create_model, model_validator
 from pydantic.errors import PydanticUserError
 
+from twin.base.data_file import read_tables
 from twin.base.errors import ScenarioError
 from twin.base.shipped import shipped_in
-from twin.base.validation import read_tables
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, DriveSettings
 from twin.devices.common import wider
 from twin.devices.kinds import DEFAULT_KINDS, SHIPPED_KINDS, Found, Role, find_kind

@@ -16,9 +16,10 @@ from controllers.analysis import Loop, margins, sampled_loop, unstable
 from controllers.arrays import Array
 from controllers.interfaces import ControlLaw, Observer
 from controllers.observers import Ideal
+from twin.base.data_file import read_tables
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import chosen, shipped_in
-from twin.base.validation import Checked, check_named_once, read_model, read_tables
+from twin.base.validation import Checked, check_named_once, read_model
 from twin.run.controller_building import build_controller, own_errors
 from twin.run.indicators import MOTION_INDICATORS, nearest_indicator
 from twin.scenario import Scenario, load
