@@ -394,7 +394,7 @@ def slowing(model):
     return time, AccelerationField.of(model, angle, np.gradient(angle, REPLAY_STEP_S, axis=1))
 
 
-def replays(dwells):
+def replays(dwells, paces=None):
     """Speeds along x in m/s of candidates with dwell times in s, replayed together, (N, C)."""
     model, dwell = BallPlate(), np.array(dwells, float)[:, None]
     friction = Friction(
@@ -405,11 +405,12 @@ def replays(dwells):
     )
     start = np.array([0.0, 0.0, 0.06, 0.0])[:, None, None].repeat(len(dwell), axis=1)
     level = np.zeros((2, len(dwell), 1))
-    return replay(slowing(model)[1], model, friction, level, start)[1][:, 0, :, 0]
+    return replay(slowing(model)[1], model, friction, level, start, paces=paces)[1][:, 0, :, 0]
 
 
-def test_a_replay_does_not_depend_on_the_candidates_beside_it():
-    alone, beside = replays([0.0])[:, 0], replays([0.0, 0.3])
+@pytest.mark.parametrize("paces", [None, np.full((1, 5), 0.01)])
+def test_a_replay_does_not_depend_on_the_candidates_beside_it(paces):
+    alone, beside = replays([0.0], paces)[:, 0], replays([0.0, 0.3], paces)
     assert np.abs(beside[:, 0] - alone).max() < 1e-12
     assert np.abs(beside[:, 1] - alone).max() > 1e-3
 
