@@ -47,6 +47,13 @@ def test_five_numbers_are_those_of_a_rig_that_has_no_more(plain):
     assert plain.value("viscous") == pytest.approx(PLAIN.viscous, abs=0.06)
 
 
+def test_five_numbers_find_a_dead_time_above_that_of_windows():
+    slow = replace(PLAIN, dead_time=0.6, seconds=24.0)
+    assert fit_five_numbers(axis_of(1, slow), (0.0, 0.5)).value("dead_time") == pytest.approx(
+        slow.dead_time, abs=0.02
+    )
+
+
 @pytest.mark.long
 def test_five_numbers_predict_as_well_as_those_that_scipy_fits(plain):
     fitted, unseen = axis_of(1, PLAIN), axis_of(2, PLAIN)

@@ -96,7 +96,8 @@ class PredictionFit:
         level_history_s: Length of the samples from which a followed level is estimated.
         level_std_m_s2: Standard deviation of a followed level about the level of the fit.
         huber_error_m: Error of a prediction above which its cost is linear, not quadratic.
-        max_delay_and_lag_s: Largest dead time and lag of this fit.
+        max_delay_and_lag_s: Largest dead time and lag of this fit: above those of a fit to windows,
+            for five numbers have no lag, and their dead time stands for that as well.
         initial_values: First guesses of this fit, next to those of a fit to windows.
         max_predictions: Largest number of predictions by which fits are compared.
         continued_guesses: Number of the best first guesses that are continued.
@@ -107,7 +108,7 @@ class PredictionFit:
     level_history_s: float = 2.4
     level_std_m_s2: float = 0.1
     huber_error_m: float = 0.003
-    max_delay_and_lag_s: float = 0.5
+    max_delay_and_lag_s: float = 0.7
     initial_values: tuple[tuple[str, float], ...] = (
         ("dead_time", 0.1),
         ("lag", 0.1),
