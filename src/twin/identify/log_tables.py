@@ -376,9 +376,9 @@ def _join_nanoseconds(
         notes.append(f"{first}: with the nanoseconds of {second}")
     for k, name in enumerate(header[1:]):
         if MILLISECONDS.fullmatch(split_unit(name)[0]) and all(map(is_time, columns[k])):
-            seconds, rest = (parse_numbers(columns[each])[0] for each in (k, k + 1))
-            if (np.mod(seconds, 1) == 0).all() and ((rest >= 0) & (rest < 1000)).all():
-                joined[k], joined[k + 1] = seconds + 1e-3 * rest, []
+            stamps, millis = (parse_numbers(columns[each])[0] for each in (k, k + 1))
+            if (np.mod(stamps, 1) == 0).all() and ((millis >= 0) & (millis < 1000)).all():
+                joined[k], joined[k + 1] = stamps + 1e-3 * millis, []
                 notes.append(f"{header[k]}: with the milliseconds of {name}")
     return joined
 
