@@ -215,7 +215,7 @@ TEXTS = {
     "putty": (putty, "time=time_ms:ms,measured_x=pos_mm:mm,command_phi=servo_us:counts"),
     "labview": (
         labview,
-        "time=X_Value:s,measured_x=Ball Position,command_phi=Servo Voltage:counts",
+        "time=X_Value,measured_x=Ball Position,command_phi=Servo Voltage:counts",
     ),
     "rostopic echo -p": (
         rostopic,

@@ -40,18 +40,20 @@ X_Columns|{columns}
 ***End_of_Header***
 
 Channels|2
-Samples|200|200
-Date|2024/05/01|2024/05/01
-Y_Unit_Label|mm|deg
-X0|0.0E+0|0.0E+0
-Delta_X|0.02|0.02
+Samples|200{other}|200
+Date|2024/05/01{other}|2024/05/01
+Y_Unit_Label|mm{other}|deg
+X0|0.0E+0{other}|0.0E+0
+Delta_X|0.02{other}|0.02
 ***End_of_Header***||
 {names}|Comment""".replace("|", "\t")
 """Heads of a LabVIEW measurement file."""
 
 
 def labview(columns, names, form, *, again=False):
-    head = LABVIEW.format(columns=columns, names=names.replace(" ", "\t")).split("\n")
+    other = "\t" if columns == "Multi" else ""  # what a head states stands above the values
+    names = names.replace(" ", "\t")
+    head = LABVIEW.format(columns=columns, names=names, other=other).split("\n")
     found = [*head, *rows(form, ())]
     if again:  # a new head in the middle
         found[len(head) + 70 : len(head) + 70] = head[head.index("Channels\t2") :]

@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.arrays import Array
 
-BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
+BLANK_CELLS = {"", "?", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
 """Cells without a number, in small letters."""
 BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 """Words that stand for a number, in small letters."""

@@ -19,6 +19,17 @@ MAX_WRAP_STEPS = 3.0
 SECONDS = re.compile(r"(?i)(.*?)(secs?|seconds?)")
 NANOSECONDS = re.compile(r"(?i)(.*?)(nsecs?|nanosecs?|nanoseconds?)")
 """Names of columns of whole seconds and of nanoseconds, after a beginning that both share."""
+MILLISECONDS = re.compile(r"(?i)ms|msecs?|millis|milliseconds?")
+"""Name of a column of milliseconds next to one of dates in whole seconds."""
+STEP_WORDS = re.compile(
+    r"(?i)sampl(?:e|ing)[ _]?(?:interval|period|time)|time[ _]?(?:step|increment)|hresolution"
+)
+RATE_WORDS = re.compile(r"(?i)sampl(?:e|ing)[ _]?(?:rate|frequency)")
+"""What heads of logs call the time between two rows, and its inverse."""
+STATED = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([mµunk]?(?:s|Hz|S/s|Sa/s))?")
+"""A stated number with its unit."""
+HEAD_LINES = 60
+"""Number of lines at the beginning of a text in which a rate is looked for."""
 
 
 def unwrap(numbers: Array, *, of_day: bool = False) -> tuple[Array, int]:
@@ -68,3 +79,24 @@ def pair_seconds(names: Sequence[str]) -> list[tuple[int, int]]:
         for k, name in enumerate(names)
         if (found := SECONDS.fullmatch(name)) is not None and found[1].casefold() in stems
     ]
+
+
+def find_stated_step(text: str) -> float | None:
+    """The time in s between two rows that the head of a text states; None if it states none.
+
+    Args:
+        text: All of it.
+    """
+    for line in text.splitlines()[:HEAD_LINES]:
+        cells = [cell.strip(" \"'#%/[]") for cell in re.split(r"[,;:\t=]", line)]
+        for k, cell in enumerate(cells):
+            inverse = RATE_WORDS.match(cell)
+            if not inverse and not STEP_WORDS.match(cell):
+                continue
+            for found in filter(None, map(STATED.fullmatch, cells[k + 1 :])):
+                unit = (found[2] or "").replace("Sa/s", "Hz").replace("S/s", "Hz")
+                scale = {"m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9, "k": 1e3}.get(unit[:1], 1.0)
+                number = scale * float(found[1])
+                if number > 0:
+                    return 1 / number if inverse else number
+    return None

@@ -37,6 +37,8 @@ FILLER = "de"
 """The derivative of an error, but among other words that of some languages for ``of``."""
 DRIVE_UNITS = frozenset({"us", "V", "mV", "counts", "count", "steps", "pwm"})
 """Units of commands other than angles."""
+TIME_UNITS = frozenset({"s", "ms"})
+"""Units in which a column is a time, whatever its name is."""
 UNKNOWN_WEIGHT = 0.9
 """Weight of a position by its unit and axis alone."""
 BALL_WEIGHT = 3.0
@@ -127,6 +129,8 @@ def _by_unit(each: Suggestion, unit: str, of_positions: set[str]) -> Suggestion 
     if each.kind == "reference":
         of_drive = unit in UNIT_SCALES["rad"] or (unit in DRIVE_UNITS and unit not in of_positions)
         return replace(each, kind="command") if of_drive else None
+    if each.kind == "measured" and unit in TIME_UNITS:
+        return replace(each, kind="time", axis="")
     if each.kind == "measured" and unit in UNIT_SCALES["rad"] and each.weight < BALL_WEIGHT:
         return replace(each, kind="angle", weight=each.weight - 1.0)
     return each

@@ -22,7 +22,7 @@ from twin.identify.cells import (
     is_time,
     parse_numbers,
 )
-from twin.identify.clocks import pair_seconds
+from twin.identify.clocks import MILLISECONDS, pair_seconds
 from twin.identify.column_names import suggest_kinds
 from twin.identify.log_columns import ROLE_UNITS, ROW_NAME, ColumnWanted
 from twin.identify.text_forms import plain_lines, split_at_blanks
@@ -252,7 +252,7 @@ def _split_columns(
     ]
     width = max(usual, named)
     columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
-    header, columns = _spread_lists(header, columns)
+    header, columns = _spread_lists(header or _name_by_words(columns), columns)
     header, columns = _pivot(*_take_units_out(header, columns))
     return header, _join_nanoseconds(header, columns, notes), notes
 
@@ -314,6 +314,28 @@ def _pivot(header: list[str], columns: list[list[str]]) -> tuple[list[str], list
     return [*(header[k] for k in others), *known], [[cells[k] for k in order] for cells in found]
 
 
+def _name_by_words(columns: list[list[str]]) -> list[str]:
+    """Names of the columns of a table without a header, of which some cells are names.
+
+    Either each number but the first has its name before it, the same in every row, or a row has a
+    time, a name and one value. Any other table has none.
+    """
+    words = [sum(map(_is_word, cells)) > MIN_SHARE_OF_UNITS * len(cells) for cells in columns]
+    filled = [k for k, cells in enumerate(columns) if any(cells)]
+    names = [str(k + 1) for k in range(len(columns))]
+    pairs = [k for k in filled if words[k] and len(set(columns[k])) == 1]
+    if len(pairs) > 1 and filled == [0, *(k + i for k in pairs for i in (0, 1))]:
+        for k in pairs:
+            names[k + 1] = columns[k][0]
+        return names
+    numbers = [k for k in filled if not words[k]]
+    labels = [k for k in filled if words[k] and len(set(columns[k])) > 1]
+    if len(numbers) == 2 and len(labels) == 1 and numbers[0] < labels[0] < numbers[1]:
+        names[numbers[0]], names[labels[0]], names[numbers[1]] = "time", "name", "value"
+        return names
+    return []
+
+
 def _order_by_time(columns: list[list[str]], labels: list[str]) -> list[int]:
     """The order of rows by the first column that rises within the rows of each label.
 
@@ -338,7 +360,7 @@ def _order_by_time(columns: list[list[str]], labels: list[str]) -> list[int]:
 def _join_nanoseconds(
     header: list[str], columns: list[list[str]], notes: list[str]
 ) -> list[Array | list[str]]:
-    """The columns with the nanoseconds of a stamp added to its seconds.
+    """The columns with the nanoseconds or milliseconds of a stamp added to its whole seconds.
 
     Args:
         header: Their names.
@@ -352,6 +374,12 @@ def _join_nanoseconds(
         joined[whole] = seconds + 1e-9 * added
         first, second = (header[whole], header[rest]) if header else (whole + 1, rest + 1)
         notes.append(f"{first}: with the nanoseconds of {second}")
+    for k, name in enumerate(header[1:]):
+        if MILLISECONDS.fullmatch(split_unit(name)[0]) and all(map(is_time, columns[k])):
+            stamps, millis = (parse_numbers(columns[each])[0] for each in (k, k + 1))
+            if (np.mod(stamps, 1) == 0).all() and ((millis >= 0) & (millis < 1000)).all():
+                joined[k], joined[k + 1] = stamps + 1e-3 * millis, []
+                notes.append(f"{header[k]}: with the milliseconds of {name}")
     return joined
 
 
@@ -429,22 +457,70 @@ def _find_header(
     """The names of the columns, empty without any, and the row at which numbers begin."""
     names = {column.name.casefold() for column in wanted.values()}
     known = [
-        0 if not row or is_number(row[0]) else len(names & _known_names(row)) for row in rows[:50]
+        0 if not row or is_number(row[0]) or is_time(row[0]) else len(names & _known_names(row))
+        for row in rows[:50]
     ]
     if any(known):
         at = known.index(max(known))
         below = list(takewhile(_is_without_numbers, rows[at + 1 : at + 1 + MAX_NAME_ROWS]))
-        units = next((each for each in below if _are_units(each)), [])
+        units = next((each for each in below if any(map(_is_unit_cell, each))), [])
         return _join_units(rows[at], units), at + 1 + len(below)
+    label = _find_labels(rows)
     for at, row in enumerate(rows[:50]):
-        if sum(is_number(cell) or is_time(cell) for cell in row) > sum(map(bool, row)) / 2:
+        numbers = sum(is_number(cell) or is_time(cell) for cell in row)
+        labelled = label is not None and label < len(row) and _is_word(row[label])
+        if numbers > sum(map(bool, row)) / 2 and not labelled:
             before = [each for each in rows[:at] if min(len(row), 2) <= len(each) >= len(row) - 1]
             if not before or before[-1] != rows[at - 1]:
                 return [], at
-            units = before.pop() if len(before) > 1 and _are_units(before[-1]) else []
-            last = reversed(before[-MAX_NAME_ROWS:])
-            return _join_units(max(last, key=_count_suggestions), units), at
+            return _name_by(before[-MAX_NAME_ROWS:]), at
     return [], 0
+
+
+def _find_labels(rows: list[list[str]]) -> int | None:
+    """Place of the cell in which rows of a head have words and those of numbers none; None without.
+
+    It is the first cell that is seldom blank in the middle of the table.
+    """
+    some = rows[len(rows) // 2 :][:50]
+    for k in range(min(map(len, some), default=0)):
+        cells = [row[k] for row in some if row[k].casefold() not in BLANK_CELLS]
+        if len(cells) > len(some) / 2:
+            return None if sum(map(_is_word, cells)) > len(cells) / 2 else k
+    return None
+
+
+def _is_word(cell: str) -> bool:
+    """Whether a cell is not blank, no number and no time."""
+    return cell.casefold() not in BLANK_CELLS and not is_number(cell) and not is_time(cell)
+
+
+def _name_by(rows: list[list[str]]) -> list[str]:
+    """The names of columns by the rows above the numbers, with the units of a row below them.
+
+    Names differ from each other, units are repeated. An empty name is that of the row above.
+
+    Args:
+        rows: Up to ``MAX_NAME_ROWS``, the last one next to the numbers.
+    """
+    usual = len(rows[-1])
+    at = max(
+        range(len(rows)),
+        key=lambda k: (len(rows[k]) == usual, _are_names(rows[k]), _count_suggestions(rows[k]), k),
+    )
+    names = list(rows[at])
+    for above in reversed(rows[:at]):
+        if len(above) == len(names):
+            names = [name or other for name, other in zip(names, above, strict=True)]
+    units = next((row for row in rows[at + 1 :] if any(map(_is_unit_cell, row))), [])
+    return _join_units(names, units)
+
+
+def _are_names(row: list[str]) -> bool:
+    """Whether the cells of a row that are not blank differ, and none is a unit or a fraction."""
+    words = list(filter(None, row))
+    fractions = any(re.search(r"\d[.,]\d", word) for word in words)
+    return len(set(words)) == len(words) and not fractions and not all(map(_is_unit_cell, words))
 
 
 def _is_without_numbers(row: list[str]) -> bool:
@@ -467,17 +543,13 @@ def _join_units(header: list[str], units: list[str]) -> list[str]:
     """
     if len(units) != len(header):
         return header
-    words = [cell.strip("[]()") for cell in units]
-    known = [word if is_unit(word) else "" for word in words]
+    known = [cell.strip("[]()") if _is_unit_cell(cell) else "" for cell in units]
     return [_with_unit(name, unit) for name, unit in zip(header, known, strict=True)]
 
 
-def _are_units(row: list[str]) -> bool:
-    """Whether some cells are units, and none a number or a longer word."""
-    words = [cell.strip("[]()") for cell in row]
-    return any(map(is_unit, words)) and all(
-        (len(word) < 5 or is_unit(word)) and not is_number(word) for word in words
-    )
+def _is_unit_cell(cell: str) -> bool:
+    """Whether a cell is a unit, with or without brackets."""
+    return is_unit(cell.strip("[]()"))
 
 
 def _known_names(header: list[str]) -> set[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError, plural
 from twin.identify.cells import are_times_of_day, describe_hexadecimal, parse_numbers
-from twin.identify.clocks import unwrap
+from twin.identify.clocks import find_stated_step, unwrap
 from twin.identify.column_names import COUNTER, Suggestion, suggest_kinds
 from twin.identify.log_columns import (
     AXIS_COLUMNS,
@@ -52,6 +52,8 @@ MAX_STEP_SPREAD = 0.5
 """Standard deviation of steps, over the usual one, up to which numbers rise evenly."""
 RATE_BLANK = "RATEHz"
 """Unit of a time that only counts rows, until the rate of the rows stands there."""
+STATED = "counts rows, and the head of the file states the time between two"
+"""Why the number of a row is the time."""
 MAX_SMOOTH_RATIO = 0.1
 """Noise of a column, over that of one with a name as clear, below which it is a reference or an
 estimate of the other; each as a share of its motion."""
@@ -208,26 +210,10 @@ def survey(
         raise LogError(f"{path.name}: no column time and no column of numbers: not a log")
     guesses, remarks = _leave_out_copies(_guess_roles(columns), columns)
     notes += remarks
-    found = {guess.role: guess for guess in guesses}
-    if "time" in found and found["time"].unit == RATE_BLANK:
-        name = found["time"].column
-        notes.append(
-            f"{name}: counts rows, and is no time: give their rate in the place of {RATE_BLANK}, "
-            f"as time={name}:100Hz"
-        )
-    elif "time" in found:
-        guess = found["time"]
-        (column,) = (each for each in columns if each.name == guess.column)
-        numbers, wraps = unwrap(column.values, of_day=column.of_day)
-        factor = unit_factor(guess.unit or column.unit or "s", "s") or 1.0
-        notes += _describe_times(guess.column, factor * numbers)
-        if wraps:
-            notes.append(f"{guess.column}: wraps {plural(wraps, 'time')}, and is taken as going on")
-    elif any(column.clock is None for column in columns):
-        notes.append(
-            "no column looks like a time: name one, or for rows at a constant rate give "
-            f"time={ROW_NAME}:100Hz"
-        )
+    step = find_stated_step(content) if isinstance(content, str) else None
+    if step is not None:
+        guesses = _count_by_step(guesses, step)
+    notes += _describe_clock({guess.role: guess for guess in guesses}, columns)
     notes += [f"{column.name}: {column.said}" for column in columns if column.said]
     names = [column.name for column in columns]
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
@@ -239,6 +225,20 @@ def survey(
             notes += _describe_times(f"the clock of {column.name}", column.clock)
     words = tuple(typed) or ("ballplate", "identify", str(path))
     return Survey(path, tuple(columns), tuple(guesses), tuple(notes), words)
+
+
+def _count_by_step(guesses: list[RoleGuess], step: float) -> list[RoleGuess]:
+    """The guesses, with the number of the row as the time where no column is one.
+
+    Args:
+        guesses: Of all roles.
+        step: Time in s between two rows.
+    """
+    time = next((guess for guess in guesses if guess.role == "time"), None)
+    if time is not None and time.unit != RATE_BLANK:
+        return guesses
+    counted = RoleGuess("time", time.column if time else ROW_NAME, f"{step:.9g}s", STATED)
+    return [counted, *(guess for guess in guesses if guess.role != "time")]
 
 
 def _leave_out_copies(
@@ -259,6 +259,37 @@ def _leave_out_copies(
                     "is of"
                 )
     return [guess for guess in guesses if guess.role not in left], notes
+
+
+def _describe_clock(found: Mapping[str, RoleGuess], columns: Sequence[SurveyedColumn]) -> list[str]:
+    """What the column of the time does, or what a log without one needs, in words.
+
+    Args:
+        found: Role to guess.
+        columns: Of the log.
+    """
+    if (guess := found.get("time")) is None:
+        if all(column.clock is not None for column in columns):
+            return []
+        return [
+            "no column looks like a time: name one, or for rows at a constant rate give "
+            f"time={ROW_NAME}:100Hz"
+        ]
+    name = guess.column
+    if guess.why == STATED:
+        return [f"{name}: {guess.why}"]
+    if guess.unit == RATE_BLANK:
+        return [
+            f"{name}: counts rows, and is no time: give their rate in the place of {RATE_BLANK}, "
+            f"as time={name}:100Hz"
+        ]
+    (column,) = (each for each in columns if each.name == name)
+    numbers, wraps = unwrap(column.values, of_day=column.of_day)
+    factor = unit_factor(guess.unit or column.unit or "s", "s") or 1.0
+    notes = _describe_times(name, factor * numbers)
+    if wraps:
+        notes.append(f"{name}: wraps {plural(wraps, 'time')}, and is taken as going on")
+    return notes
 
 
 def _describe_times(name: str, time: Array) -> list[str]:

@@ -25,6 +25,9 @@ UNIT_WORDS = {
     "cm": ("centimeter", "centimeters", "centimetre", "centimetres"),
     "deg": ("degree", "degrees", "grad", "°"),
     "rad": ("radian", "radians"),
+    "V": ("volt", "volts"),
+    "mV": ("millivolt", "millivolts"),
+    "A": ("ampere", "amperes", "amp", "amps"),
 }
 """Unit to the words that stand for it, in small letters."""
 OTHER_UNITS = frozenset({"V", "mV", "A", "mA", "%", "-", "px", "counts", "Hz", "N", "g"})
