@@ -32,6 +32,7 @@ FORMS = {
     "t [s],ball_x [mm],u [rad]": (T, 1e3 * X, U),
     "ms,X,servo_deg": (1e3 * T, 1e3 * X, np.degrees(U)),
     "ts,X,servo_deg": (T, 1e3 * X, np.degrees(U)),
+    "timestamps,X,servo_deg": (T, 1e3 * X, np.degrees(U)),
     "time_us,px,roll": (1e6 * T, X, U),
     "t,cam_x_cm,cmd_x_deg": (T, 1e2 * X, np.degrees(U)),
 }

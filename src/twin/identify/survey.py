@@ -529,11 +529,12 @@ def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple
     if role.startswith("measured_") and ROLE_UNITS[role] == "m":
         reach = float(np.percentile(np.abs(known), 99))
         unit = next((unit for unit, most in MAX_POSITIONS if reach <= most), "mm")
+        like = f"as in {unit}"
         if counts:
-            return SIZE_BLANK, f"; reaches {reach:.3g}, no length: {SIZE_ADVICE}"
-        if reach > MAX_POSITIONS[-1][1]:
-            return "mm", f"; reaches {reach:.3g}, taken as mm; else give the size of one, as 0.5mm"
-        return unit, f"; reaches {reach:.3g}, as in {unit}"
+            unit, like = SIZE_BLANK, f"no length: {SIZE_ADVICE}"
+        elif reach > MAX_POSITIONS[-1][1]:
+            like = "taken as mm; else give the size of one, as 0.5mm"
+        return unit, f"; reaches {reach:.3g}, {like}"
     if ROLE_UNITS[role] == "rad":
         reach = float(np.percentile(np.abs(known - np.median(known)), 99))
         unit = "counts" if counts else "rad" if reach < 1.0 else "deg" if reach < 60.0 else "counts"
