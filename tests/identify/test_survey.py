@@ -32,7 +32,6 @@ FORMS = {
     "t [s],ball_x [mm],u [rad]": (T, 1e3 * X, U),
     "ms,X,servo_deg": (1e3 * T, 1e3 * X, np.degrees(U)),
     "ts,X,servo_deg": (T, 1e3 * X, np.degrees(U)),
-    "timestamps,X,servo_deg": (T, 1e3 * X, np.degrees(U)),
     "time_us,px,roll": (1e6 * T, X, U),
     "t,cam_x_cm,cmd_x_deg": (T, 1e2 * X, np.degrees(U)),
 }
@@ -269,6 +268,12 @@ def test_units_of_the_rig_are_counts_and_pixels_ask_for_their_size(tmp_path):
     wanted = wanted_columns(columns.replace("SIZE", "0.5"))
     ball = read_any(tmp_path / "a.csv", wanted).axes["x"].ball
     assert ball == pytest.approx(5e-4 * pixels, abs=1e-6)
+
+
+def test_a_time_that_rises_unevenly_is_known_by_its_name(tmp_path):
+    uneven = np.cumsum(np.tile([0.002, 0.002, 0.002, 0.074], len(T) // 4))
+    found = survey(write(tmp_path / "a.csv", "timestamps,X,servo", uneven, X, U))
+    assert "time=timestamps:s," in found.command
 
 
 def test_the_range_of_large_numbers_shows_how_they_differ(tmp_path):
