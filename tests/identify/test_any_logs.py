@@ -100,6 +100,15 @@ def test_a_damaged_row_takes_its_time(tmp_path):
     assert axis.ball == pytest.approx(0.1 * np.sin(axis.sampled), abs=1e-6)
 
 
+def test_a_pause_is_reported_with_its_length_and_a_clock_that_begins_anew_is_none(tmp_path):
+    x = 0.05 * np.sin(0.3 * T)
+    there = (T < 10.0) | (T >= 14.0)
+    (note,) = read_any(written(tmp_path, x[there], T[there]), COLUMNS).notes
+    assert note.startswith("1 gap of 4.05 s in all")  # from the row before to the one after
+    (note,) = read_any(written(tmp_path, x, T % 20.0), COLUMNS).notes
+    assert note.startswith("the clock begins anew 1 time")
+
+
 def test_a_column_that_is_called_row_is_taken_as_one(tmp_path):
     rows = [
         f"{t:.3f},{x:.6f},{u:.6f}"

@@ -825,6 +825,25 @@ def test_the_factor_that_is_advised_of_an_identified_gain_has_its_interval():
     assert "tell the command" not in near
 
 
+@pytest.mark.parametrize(
+    ("value", "factor", "ball"),
+    [(7.0, 3 / 5, "solid"), (-5.9, 5 / 7, "hollow"), (7.0, 5 / 7, ""), (6.4, 3 / 5, "")],
+)
+def test_a_gain_that_is_that_of_another_ball_names_it(value, factor, ball):
+    gain = gain_of(IDENTIFIED_VERDICT, value, value - 0.05, value + 0.05)
+    said = _describe_gain("x", gain, factor, held=True)
+    assert ("--ball" in said) == bool(ball)
+    assert f"A {ball} ball has this gain: state it by --ball {ball}" in said or not ball
+
+
+def test_parameters_of_a_command_in_counts_have_units_of_counts():
+    units = {name: plain_parameter(name, "count").unit for name in PLAIN_PARAMETERS}
+    assert units["gain"] == "m/s^2 by count"
+    assert (units["dead_band"], units["play"], units["slew"]) == ("count", "count", "count/s")
+    assert not any("rad" in unit for unit in units.values())
+    assert plain_parameter("slew", "rad").unit == "rad/s"
+
+
 def test_of_a_measured_angle_nothing_is_said_of_a_command_or_of_measuring_it():
     gain = gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1)
     said = _describe_gain("y", gain, 0.714, held=False)

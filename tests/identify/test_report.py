@@ -37,8 +37,24 @@ def test_a_model_that_loses_in_enough_windows_is_worse_than_none():
     words = said(5)
     assert "20.0 mm off after 1 s (median of 5 windows" in words
     assert "WORSE THAN NO MODEL, x: after 0.5 s one that goes on" in words
+    assert words.count("is 0.0 mm off, the model 20.0 mm") == 3
     assert "after 2 s" in words
     assert "too short" not in words
+
+
+def test_a_model_that_loses_alone_is_told_to_follow_the_level_and_by_how_much():
+    ahead = np.tile(np.linspace(-0.4, 2.0, 61), (5, 1))
+    by = dict.fromkeys(("level followed", "without friction", "goes on"), 0.1 * ahead)
+    by |= {"model": 0.1 * ahead + 0.02, "stays": 0 * ahead}
+    levels = "level followed", "model"
+    for better, worse in (levels, levels[::-1]):
+        told = by | {better: by["level followed"], worse: by["model"]}
+        found = score({"x": Predicted(np.arange(5) / 2.0, ahead, 0.1 * ahead, told)})
+        words = " ".join(sentences(of_score(found)))
+        assert "WORSE" not in words
+        assert ("x: do not follow the level: with it," in words) == (better == "model")
+        assert ("x: follow the level: without," in words) == (worse == "model")
+        assert words.count("is 0.0 mm off, the model 20.0 mm") == 3
 
 
 @pytest.mark.parametrize("windows", [1, 4])

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.io import savemat
 
+from twin.base.errors import LogError
 from twin.cli.understand import identify
 from twin.identify.any_logs import read_any
 from twin.identify.log_columns import wanted_columns
@@ -258,9 +259,28 @@ def test_a_measured_angle_is_told_from_a_command(tmp_path):
 def test_units_of_the_rig_are_counts_and_pixels_ask_for_their_size(tmp_path):
     pixels, pulses = 320 + 6e3 * X, 1500 + 1e3 * U
     found = survey(write(tmp_path / "a.csv", "t,ball_px_x,pulse_us", T, pixels, pulses))
-    assert found.command.endswith("measured_x=ball_px_x:mm,command_phi=pulse_us:counts")
+    assert found.command.endswith("measured_x=ball_px_x:SIZEmm,command_phi=pulse_us:counts")
     (why,) = (guess.why for guess in found.guesses if guess.role == "measured_x")
-    assert "give the size of one, as 0.5mm" in why
+    assert "give the size of one in the place of SIZEmm, as 0.5mm" in why
+    columns = shlex.split(found.command)[-1]
+    with pytest.raises(LogError, match="measured_x: unit 'SIZEmm'; known: m, mm, cm"):
+        wanted_columns(columns)
+    wanted = wanted_columns(columns.replace("SIZE", "0.5"))
+    ball = read_any(tmp_path / "a.csv", wanted).axes["x"].ball
+    assert ball == pytest.approx(5e-4 * pixels, abs=1e-6)
+
+
+def test_a_time_that_rises_unevenly_is_known_by_its_name(tmp_path):
+    uneven = np.cumsum(np.tile([0.002, 0.002, 0.002, 0.074], len(T) // 4))
+    found = survey(write(tmp_path / "a.csv", "timestamps,X,servo", uneven, X, U))
+    assert "time=timestamps:s," in found.command
+
+
+def test_the_range_of_large_numbers_shows_how_they_differ(tmp_path):
+    found = survey(write(tmp_path / "a.csv", "now,x,u", 12345670.0 + 5 * T, X, U))
+    ranges = {column.name: column.range for column in found.columns}
+    assert ranges["now"] == "12345670 to 12345689.9"
+    assert ranges["x"] == f"{X.min():.4g} to {X.max():.4g}"
 
 
 def test_a_beam_of_a_metre_is_not_taken_for_centimetres(tmp_path):

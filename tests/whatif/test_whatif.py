@@ -3,8 +3,10 @@
 whatif: another future goes on from a moment of a run as the run itself would have."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +27,14 @@ from twin.run.metrics import INTERRUPTED_REASON
 from twin.run.opened import open_run, open_runs
 from twin.scenario.load import load
 from twin.whatif.futures import agreement, branches_of, futures, moment_of
-from twin.whatif.moments import PATH_FIT, SYNCHRONISATION, exact, path, take_over
+from twin.whatif.moments import (
+    PATH_FIT,
+    SYNCHRONISATION,
+    _describe_limits,
+    exact,
+    path,
+    take_over,
+)
 
 AT = 1.2
 LATE = 2.2
@@ -304,11 +313,35 @@ def test_it_says_when_a_future_is_not_to_be_trusted(run):
     for before, says in (
         (0.3, "0.3 mm apart"),
         (9.0, "does not fit"),
+        (123.0, "are 120 mm apart"),
         (None, "could not be checked"),
     ):
         said = agreement(replace(moment, before_mm=before))
         assert says in said
-        assert ("does not fit" in said) == (before == 9.0)
+        assert ("does not fit" in said) == (before in {9.0, 123.0})
+
+
+@pytest.mark.parametrize("rate", [0.2, 0.3, 0.4, 0.5])
+def test_limits_that_keep_the_twin_off_the_commands_are_named_with_what_passes(rate):
+    """A step of the rate r under an acceleration a costs the angle r^2 / (2 a)."""
+    scenario = load("circle", ["rig.limits.acceleration=7.0"])
+    time = 0.002 * np.arange(1500)
+    command = np.zeros((len(time), 2))
+    command[time > 1.7, 1] = rate
+    log = SimpleNamespace(
+        source="beam",
+        command=command,
+        commanded=lambda at: command[np.searchsorted(time, at + 1e-9) - 1],
+    )
+    notes = list(_describe_limits(log, scenario, 2.5, SYNCHRONISATION))
+    lost = np.degrees(rate**2 / (2 * 7.0))
+    assert bool(notes) == (lost > SYNCHRONISATION.max_limited_deg)
+    for note in notes:
+        assert float(re.search(r"up to ([\d.]+) deg off", note)[1]) == pytest.approx(lost, rel=0.06)
+        assert f"rig.limits.rate_deg = {np.ceil(np.degrees(rate)):.0f} let all" in note
+        asked = float(re.search(r"rig.limits.acceleration = (\d+)", note)[1])
+        wide = load("circle", [f"rig.limits.acceleration={asked}", "rig.limits.rate_deg=60"])
+        assert not list(_describe_limits(log, wide, 2.5, SYNCHRONISATION))
 
 
 @pytest.mark.long

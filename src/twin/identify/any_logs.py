@@ -347,6 +347,13 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
         )
     columns = {role: values[~false] for role, values in columns.items()}
     time: Array = columns["time"] - columns["time"][:1]
+    steps = np.diff(time)
+    gaps = steps[steps > MAX_COMMAND_GAP_S]
+    if len(gaps):
+        notes.append(
+            f"{plural(len(gaps), 'gap')} of {gaps.sum():.3g} s in all without rows: nothing is "
+            "fitted or predicted across one"
+        )
     back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
     for row in back:  # a clock that begins anew: a new part, after a gap
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S

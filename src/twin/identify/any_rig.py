@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -39,7 +40,7 @@ from twin.identify.predictor import (
     predict_plainly,
 )
 from twin.identify.slow_cameras import scale_to_samples
-from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions
+from twin.identify.suspicions import AXIS_SIGNS, describe_suspicions, find_other_ball
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict, Predicted, score
 from twin.identify.weak_form import WeakForm
 from twin.identify.windows import usual_step
@@ -401,10 +402,13 @@ def _describe_gain(axis: str, gain: ParameterVerdict, factor: float, *, held: bo
         f"({gain.interval}) is {share:.2f} times the acceleration of a ball that takes "
         f"{factor:.3g} of gravity: the log shows only this product of {known}"
     )
-    if not is_other_scale(turned):
-        return sentence
     assert gain.low is not None
     assert gain.high is not None
+    low, high = sorted(math.copysign(1.0, gain.value) * end for end in (gain.low, gain.high))
+    if ball := find_other_ball(gain.value, low, high, factor):
+        sentence += f" A {ball} ball has this gain: state it by --ball {ball} if it is one."
+    if not is_other_scale(turned):
+        return sentence
     least, most = sorted(sign * end / push for end in (gain.low, gain.high))
     return (
         f"{sentence} For compare, shadow and whatif, give the {what} times {turned:.3g} "

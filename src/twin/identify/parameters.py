@@ -83,7 +83,7 @@ def plain_parameter(name: str, unit: str, *, held: bool = True) -> IdentifiedPar
 
     Args:
         name: In ``PLAIN_PARAMETERS``, or ``delay``.
-        unit: Unit of the tilt, of which the gain's unit is made.
+        unit: Unit of the tilt, of which the units of gain, dead band, play and slew are made.
         held: Whether the tilt is a command; of a measured angle no experiment asks to measure it.
     """
     if name == "delay":
@@ -91,7 +91,7 @@ def plain_parameter(name: str, unit: str, *, held: bool = True) -> IdentifiedPar
     about = PLAIN_PARAMETERS[name]
     if not held:
         about = replace(about, experiment=about.experiment.removeprefix(MEASURE_ANGLE_TEXT))
-    return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
+    return replace(about, unit=about.unit.replace("rad", unit))
 
 
 HIDDEN_PARAMETERS = {

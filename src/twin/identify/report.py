@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -96,32 +96,47 @@ def _describe_scores(found: Identification) -> Iterator[str]:
         if short:
             continue
         models = [who for who in PREDICTOR_NAMES[:2] if who in each.median]
-        lost = {who: list(_name_lost_horizons(each, who, found.how)) for who in models}
-        if both := [one for one in lost["model"] if all(one in rest for rest in lost.values())]:
+        lost = {who: set(_find_lost_horizons(each, who, found.how)) for who in models}
+        if both := set.intersection(*lost.values()):
+            how_far = _describe_losses(each, "model", both, found.how)
             yield (
-                f"WORSE THAN NO MODEL, {name}: {'; '.join(both)}. Do not predict this rig by it "
-                "so far ahead."
+                f"WORSE THAN NO MODEL, {name}: {how_far}. Do not predict this rig by it so far "
+                "ahead."
             )
         elif lost["model"]:
-            yield f"{name}: follow the level: without, {'; '.join(lost['model'])}."
+            how_far = _describe_losses(each, "model", lost["model"], found.how)
+            yield f"{name}: follow the level: without, {how_far}."
         elif lost.get(LEVEL_FOLLOWED):
-            yield f"{name}: do not follow the level: with it, {'; '.join(lost[LEVEL_FOLLOWED])}."
+            how_far = _describe_losses(each, LEVEL_FOLLOWED, lost[LEVEL_FOLLOWED], found.how)
+            yield f"{name}: do not follow the level: with it, {how_far}."
     if not found.scores:
         yield "Nothing was held out that could judge it: no stretch of 3 s with the ball seen."
 
 
-def _name_lost_horizons(score: PredictionScore, who: str, how: HoldOutPrediction) -> Iterator[str]:
-    """The horizons at which the better of the baselines has a smaller error than a model.
+def _find_lost_horizons(score: PredictionScore, who: str, how: HoldOutPrediction) -> Iterator[int]:
+    """Indices of the horizons at which the better baseline has a smaller error than a model.
 
     Of horizons with enough windows.
     """
-    for k, ahead in enumerate(how.horizons_s):
-        if score.known[k] < MIN_WINDOWS:
-            continue
+    for k in range(len(how.horizons_s)):
+        least = min(score.median[baseline][k] for baseline in BASELINE_NAMES)
+        if score.known[k] >= MIN_WINDOWS and score.median[who][k] > (1 + WORSE_SHARE) * least:
+            yield k
+
+
+def _describe_losses(
+    score: PredictionScore, who: str, lost: Collection[int], how: HoldOutPrediction
+) -> str:
+    """The errors of the better baseline and of a model at some horizons, by their indices."""
+    parts = []
+    for k in sorted(lost):
         best = min(BASELINE_NAMES, key=lambda who: score.median[who][k])
-        least = score.median[best][k]
-        if score.median[who][k] > (1 + WORSE_SHARE) * least:
-            yield f"after {ahead:g} s {BASELINE_NAMES[best]} is {1000 * least:.1f} mm off"
+        least, own = 1000 * score.median[best][k], 1000 * score.median[who][k]
+        parts.append(
+            f"after {how.horizons_s[k]:g} s {BASELINE_NAMES[best]} is {least:.1f} mm off, the "
+            f"model {own:.1f} mm"
+        )
+    return "; ".join(parts)
 
 
 def _held_out(found: Identification) -> list[Block]:

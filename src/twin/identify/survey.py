@@ -54,6 +54,10 @@ RATE_BLANK = "RATEHz"
 """Unit of a time that only counts rows, until the rate of the rows stands there."""
 STATED = "counts rows, and the head of the file states the time between two"
 """Why the number of a row is the time."""
+SIZE_BLANK = "SIZEmm"
+"""Unit of a position that is in no length, as pixels, until the size of one in mm stands there."""
+SIZE_ADVICE = f"give the size of one in the place of {SIZE_BLANK}, as 0.5mm"
+"""How a person fills ``SIZE_BLANK``."""
 MAX_SMOOTH_RATIO = 0.1
 """Noise of a column, over that of one with a name as clear, below which it is a reference or an
 estimate of the other; each as a share of its motion."""
@@ -87,7 +91,13 @@ class SurveyedColumn:
     def range(self) -> str:
         """Its smallest and largest number."""
         known = self.values[np.isfinite(self.values)]
-        return f"{known.min():.4g} to {known.max():.4g}" if len(known) else "no number"
+        if not len(known):
+            return "no number"
+        ends = float(known.min()), float(known.max())
+        low, high = (f"{end:.4g}" for end in ends)
+        if low == high and ends[0] < ends[1]:  # as of seconds since 1970
+            low, high = (f"{end:.15g}" for end in ends)
+        return f"{low} to {high}"
 
     @property
     def missing(self) -> int:
@@ -505,7 +515,7 @@ def _guess_by_unit(role: str, name: str, unit: str, given: str, why: str) -> Rol
     if unit_factor(unit, si) is not None:
         return RoleGuess(role, name, given, why)
     if si == "m" and plain_unit(unit) in OTHER_UNITS:
-        return RoleGuess(role, name, "mm", f"{why}, no length: give the size of one, as 0.5mm")
+        return RoleGuess(role, name, SIZE_BLANK, f"{why}, no length: {SIZE_ADVICE}")
     if si == "rad" and unit not in LENGTH_UNITS:
         return RoleGuess(role, name, "counts", f"{why}, no angle")
     return None
@@ -550,9 +560,12 @@ def _unit_by_numbers(role: str, values: Array, *, counts: bool = False) -> tuple
     if role.startswith("measured_") and ROLE_UNITS[role] == "m":
         reach = float(np.percentile(np.abs(known), 99))
         unit = next((unit for unit, most in MAX_POSITIONS if reach <= most), "mm")
-        if counts or reach > MAX_POSITIONS[-1][1]:
-            return "mm", f"; reaches {reach:.3g}, taken as mm; give the size of one, as 0.5mm"
-        return unit, f"; reaches {reach:.3g}, as in {unit}"
+        like = f"as in {unit}"
+        if counts:
+            unit, like = SIZE_BLANK, f"no length: {SIZE_ADVICE}"
+        elif reach > MAX_POSITIONS[-1][1]:
+            like = "taken as mm; else give the size of one, as 0.5mm"
+        return unit, f"; reaches {reach:.3g}, {like}"
     if ROLE_UNITS[role] == "rad":
         reach = float(np.percentile(np.abs(known - np.median(known)), 99))
         unit = "counts" if counts else "rad" if reach < 1.0 else "deg" if reach < 60.0 else "counts"

@@ -119,13 +119,30 @@ def _describe_gain(
     low, high = sorted(math.copysign(1.0, look.gain) * end for end in look.interval("gain"))
     if high - low > 2 * how.max_gain_half_width * abs(look.gain):
         return
-    low = min(low, (1 - how.gain_tolerance) * abs(look.gain))
-    high = max(high, (1 + how.gain_tolerance) * abs(look.gain))
-    for name, share in GRAVITY_SHARES.items():
-        ball, assumed = share * BallPlate().gravity, factor * BallPlate().gravity
-        if low <= ball <= high and not low <= assumed <= high:
-            yield (
-                f"{axis}: the gain is that of a {name} ball, {share:.2g} of gravity, not the "
-                f"assumed {factor:.2g}: --ball {name}, or the plate tilts {digits(size)} times as "
-                "far as commanded"
-            )
+    if name := find_other_ball(look.gain, low, high, factor, how):
+        yield (
+            f"{axis}: the gain is that of a {name} ball, {GRAVITY_SHARES[name]:.2g} of gravity, "
+            f"not the assumed {factor:.2g}: --ball {name}, or the plate tilts {digits(size)} times "
+            "as far as commanded"
+        )
+
+
+def find_other_ball(
+    gain: float, low: float, high: float, factor: float, how: Suspicion = SUSPICION_LIMITS
+) -> str:
+    """The ball that a gain suggests in place of the assumed one; empty if none.
+
+    Args:
+        gain: Acceleration by tilt, m/s^2 per rad; its sign does not matter.
+        low: Smaller end of the interval of its size.
+        high: Larger end.
+        factor: Share of gravity that accelerates the ball, as assumed.
+        how: Constants.
+    """
+    low = min(low, (1 - how.gain_tolerance) * abs(gain))
+    high = max(high, (1 + how.gain_tolerance) * abs(gain))
+    gravity = BallPlate().gravity
+    if low <= factor * gravity <= high:
+        return ""
+    fitting = (name for name, share in GRAVITY_SHARES.items() if low <= share * gravity <= high)
+    return next(fitting, "")

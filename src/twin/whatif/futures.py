@@ -165,7 +165,8 @@ def agreement(moment: Moment, synchronisation: Synchronisation = SYNCHRONISATION
         return f"{begins}; the twin could not be checked: no whole {seconds:g} s before"
     bad = before > synchronisation.max_distance_mm
     poor = ": the twin does not fit, and a future is no better" if bad else ""
-    return f"{begins}; twin and record are {before:.2g} mm apart at most in the second before{poor}"
+    apart = f"{float(f'{before:.2g}'):g}"
+    return f"{begins}; twin and record are {apart} mm apart at most in the second before{poor}"
 
 
 SHOWN_BEFORE_S = 2.0

@@ -7,7 +7,8 @@ in the state that the log shows, if the log is complete enough for that.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -122,6 +123,8 @@ class Synchronisation:
             all of it.
         compared_s: Time in s before the moment over which twin and record are compared.
         max_distance_mm: Distance in mm of twin and record, above which a future is not reliable.
+        max_limited_deg: Angle in deg by which limits may keep the twin's plate off the commands
+            within the compared time without a note.
     """
 
     duration_s: float = 0.6
@@ -131,6 +134,7 @@ class Synchronisation:
     observer_s: float = 60.0
     compared_s: float = 1.0
     max_distance_mm: float = 5.0
+    max_limited_deg: float = 0.5
 
 
 SYNCHRONISATION = Synchronisation()
@@ -386,8 +390,36 @@ def estimate_moment(
         controller=partial(_warm_up, log, scenario, at, synchronisation.observer_s),
         put=partial(_synchronise, log, at, synchronisation),
         gaps=log.gaps,
-        notes=log.notes,
+        notes=(*log.notes, *_describe_limits(log, scenario, at, synchronisation)),
     )
+
+
+def _describe_limits(
+    log: ReplayableLog, scenario: Scenario, at: float, about: Synchronisation
+) -> Iterator[str]:
+    """A note on limits of the twin's rig that keep its plate off the commands before a moment.
+
+    Drives of another rig, as hobby servos, follow commands that the twin's own may not.
+    """
+    period, limits = scenario.rig.period, scenario.rig.limits
+    most, step = math.radians(limits.rate_deg), limits.acceleration * period
+    times = at - about.compared_s + period * np.arange(round(about.compared_s / period))
+    wanted = log.commanded(times)
+    rate, off, apart = wanted[0], np.zeros(2), 0.0
+    for each in wanted:
+        rate = np.clip(np.clip(each, rate - step, rate + step), -most, most)
+        off = off + (rate - each) * period
+        apart = max(apart, float(np.abs(off).max()))
+    if math.degrees(apart) > about.max_limited_deg:
+        steps = np.abs(np.diff(log.command, axis=0)).max() / period
+        yield (
+            f"{log.source}: the twin's rig.limits keep its plate up to {math.degrees(apart):.2g} "
+            f"deg off the commands of the second before (acceleration {limits.acceleration:g} "
+            f"rad/s^2, rate_deg {limits.rate_deg:g} deg/s): if your drives follow faster, write it "
+            f"into the file of --on; rig.limits.acceleration = {math.ceil(steps)} and "
+            f"rig.limits.rate_deg = {math.ceil(math.degrees(np.abs(log.command).max()))} let all "
+            "commands of this log pass"
+        )
 
 
 def _warm_up(log: ReplayableLog, scenario: Scenario, at: float, longest_s: float) -> Controller:
