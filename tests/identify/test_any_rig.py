@@ -856,6 +856,16 @@ def test_of_a_measured_angle_nothing_is_said_of_a_command_or_of_measuring_it():
     assert plain_parameter("lever", "rad", held=False).experiment.startswith("tilt this axis")
 
 
+@pytest.mark.parametrize("unit", ["rad", "count"])
+def test_what_is_of_the_tilt_is_in_its_unit(unit):
+    stated = {name: plain_parameter(name, unit).unit for name in PLAIN_PARAMETERS}
+    assert stated["gain"] == f"m/s^2 by {unit}"
+    assert stated["dead_band"] == stated["play"] == unit
+    assert stated["slew"] == f"{unit}/s"
+    assert stated["friction"] == stated["level"] == "m/s^2"
+    assert stated["lever"] == "m"
+
+
 def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
     time = np.arange(0.0, 12.0, 0.04)
     ball = 0.05 * time - 0.004 * time**2

@@ -214,6 +214,11 @@ NAMES = {
     "t,Abstand [V],Sollwert [V]": "Abstand|-|-|-",
     "t,odom/linear/x,servo/x": "- - servo/x -",
     "t,a/x,a/y,b/servo_x,b/servo_y": "a/x a/y b/servo_x b/servo_y",
+    # a ball in short, next to its distance from the middle; what MATLAB draws; a car's commands
+    "t,xb,yb,vx,vy,alpha,beta,dist": "xb yb alpha beta",
+    "t,udata,xdata,xspdata": "xdata - udata -",
+    "t,turn_command,ball_x_px,servo_target_us": "ball_x_px - servo_target_us -",
+    "t,vehicle_position,x,yaw,tilt,wheel_pwm": "x - tilt -",
 }
 
 
@@ -297,6 +302,15 @@ def test_a_text_without_header_has_a_time_and_a_column_that_stands_has_no_role(t
     )
     held = write(tmp_path / "b.csv", "t,x,pos_x,u", T, 0 * X, X, U)
     assert "measured_x=pos_x:m" in survey(held).command
+
+
+def test_a_column_that_states_its_unit_says_nothing_of_the_unit_of_another(tmp_path):
+    header = "time,x,x_mm,theta,theta_deg"
+    file = write(tmp_path / "a.csv", header, T, X, 1e3 * X, U, np.degrees(U))
+    found = survey(file)
+    axis = read_any(file, wanted_columns(shlex.split(found.command)[-1])).axes["x"]
+    assert axis.ball == pytest.approx(X, abs=1e-6)
+    assert axis.tilt == pytest.approx(U, abs=1e-6)
 
 
 def test_two_axes_share_a_unit(tmp_path):

@@ -66,6 +66,14 @@ _JOINED = re.compile(rf"([xy]?)((?:{'|'.join(_PARTS)})*|[upc])([xy]?)")
 _LETTERS = {"p": "position", "c": "position"}
 """Words that a letter next to an axis stands for: ``px`` is a position, ``cx`` a centre."""
 _PART = re.compile("|".join(_PARTS) + "|[upc]")
+SHORT_NAMES = {
+    "xb": ("x", "ball"),
+    "yb": ("y", "ball"),
+    "xdata": ("x", "data"),
+    "ydata": ("y", "data"),
+    "udata": ("u", "data"),
+}
+"""Words of a few letters that mean something only together: balls, and what MATLAB draws."""
 
 
 @dataclass(frozen=True)
@@ -160,6 +168,9 @@ def _split(name: str) -> tuple[str, ...]:
     apart = CASE_CHANGE.sub(" ", name).casefold()
     found: list[str] = []
     for word in re.findall(r"[^\W\d_]+|\d+", apart):
+        if word in SHORT_NAMES:
+            found += SHORT_NAMES[word]
+            continue
         joined = _JOINED.fullmatch(word)
         whole = word in _WORDS["ball"] and word != apart
         by_letter = joined and joined[2] in _LETTERS and not (joined[1] or joined[3])
@@ -231,7 +242,7 @@ def _kind(words: set[str], axis: str) -> tuple[str, float]:
     sensed = sensor or words & _WORDS["measured"]
     wish, place = words & _WORDS["reference"], words & _WORDS["position"]
     found = "", 0.0
-    if words & _WORDS["derived"] or (drive and "current" in words):
+    if words & (_WORDS["derived"] | _WORDS["vehicle"]) or (drive and "current" in words):
         pass
     elif words & _WORDS["ball"]:
         if not drive and not wish and (axis or place or words in ({"ball"}, {"kugel"})):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -83,7 +84,7 @@ def plain_parameter(name: str, unit: str, *, held: bool = True) -> IdentifiedPar
 
     Args:
         name: In ``PLAIN_PARAMETERS``, or ``delay``.
-        unit: Unit of the tilt, of which the units of gain, dead band, play and slew are made.
+        unit: Unit of the tilt, which stands in the parameter's unit for rad.
         held: Whether the tilt is a command; of a measured angle no experiment asks to measure it.
     """
     if name == "delay":
@@ -91,7 +92,7 @@ def plain_parameter(name: str, unit: str, *, held: bool = True) -> IdentifiedPar
     about = PLAIN_PARAMETERS[name]
     if not held:
         about = replace(about, experiment=about.experiment.removeprefix(MEASURE_ANGLE_TEXT))
-    return replace(about, unit=about.unit.replace("rad", unit))
+    return replace(about, unit=re.sub(r"\brad\b", unit, about.unit))
 
 
 HIDDEN_PARAMETERS = {

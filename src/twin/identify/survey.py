@@ -344,8 +344,8 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
             continue
         alike = [
             other.values
-            for other, own in zip(columns, suggested, strict=True)
-            if own and (own.kind, own.weight, own.counts) == (each.kind, each.weight, each.counts)
+            for other, own, unit in zip(columns, suggested, units, strict=True)
+            if other is column or (own and not unit and _are_of_a_kind(own, each))
         ]
         guess = _guess(role, column, each, np.concatenate(alike))
         if guess is None:
@@ -363,6 +363,11 @@ def _guess_roles(columns: list[SurveyedColumn]) -> list[RoleGuess]:
     if all(column.clock is not None for column in columns):
         found.pop("time", None)
     return [guess for _, guess in _sort_roles(_on_one_axis(found))]
+
+
+def _are_of_a_kind(one: Suggestion, other: Suggestion) -> bool:
+    """Whether two names say as clearly that their columns are of one kind, and so of one unit."""
+    return (one.kind, one.weight, one.counts) == (other.kind, other.weight, other.counts)
 
 
 def _number_behind_time(stems: list[str], columns: list[SurveyedColumn]) -> list[str]:
@@ -480,7 +485,7 @@ def _guess(role: str, column: SurveyedColumn, each: Suggestion, alike: Array) ->
         role: One of ``ROLE_UNITS``.
         column: The column.
         each: What its name suggests.
-        alike: Numbers of all columns of such names, which share a unit.
+        alike: Numbers of all columns of such names without units, which share one.
     """
     if role == "time" and not _rises(column.values):
         return None
