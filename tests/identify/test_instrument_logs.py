@@ -203,7 +203,14 @@ def campbell():
     return head + [f'"2026-11-30 10:00:{t:05.2f}",{k},{x},{u}' for k, (t, x, u) in enumerate(ROWS)]
 
 
+def two_rows_of_names():
+    """The first two columns have their names in the row above those of the others."""
+    head = ["Date,Time,1,2", ",,Ball,Servo", ",,mm,deg"]
+    return head + [f"2026/11/30,10:00:{t:05.2f},{x},{u}" for t, x, u in ROWS]
+
+
 PLCS = {
+    "two rows of names": (two_rows_of_names, "time=Time:s,measured_x=Ball,command_phi=Servo"),
     "arff": (arff, "time=time:s,measured_x=ball mm:mm,command_phi=servo deg:deg"),
     "simatic panel": (wincc, "time=time,measured_x=Ball_mm:mm,command_phi=Servo_deg:deg"),
     "twincat since 1601": (twincat_since_1601, "time=time,measured_x=fBallX,command_phi=fServo"),

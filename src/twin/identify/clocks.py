@@ -28,8 +28,8 @@ RATE_WORDS = re.compile(r"(?i)sampl(?:e|ing)[ _]?(?:rate|frequency)")
 """What heads of logs call the time between two rows, and its inverse."""
 STATED = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([mµunk]?(?:s|Hz|S/s|Sa/s))?")
 """A stated number with its unit."""
-HEAD_LINES = 60
-"""Number of lines at the beginning of a text in which a rate is looked for."""
+HEAD_LETTERS = 4000
+"""Number of letters at the beginning of a text in which a rate is looked for."""
 
 
 def unwrap(numbers: Array, *, of_day: bool = False) -> tuple[Array, int]:
@@ -87,7 +87,7 @@ def find_stated_step(text: str) -> float | None:
     Args:
         text: All of it.
     """
-    for line in text.splitlines()[:HEAD_LINES]:
+    for line in text[:HEAD_LETTERS].splitlines():
         cells = [cell.strip(" \"'#%/[]") for cell in re.split(r"[,;:\t=]", line)]
         for k, cell in enumerate(cells):
             inverse = RATE_WORDS.match(cell)

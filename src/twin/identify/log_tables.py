@@ -320,7 +320,8 @@ def _name_by_words(columns: list[list[str]]) -> list[str]:
     Either each number but the first has its name before it, the same in every row, or a row has a
     time, a name and one value. Any other table has none.
     """
-    words = [sum(map(_is_word, cells)) > MIN_SHARE_OF_UNITS * len(cells) for cells in columns]
+    some = [cells[len(cells) // 2 :][:50] for cells in columns]
+    words = [sum(map(_is_word, cells)) > MIN_SHARE_OF_UNITS * len(cells) for cells in some]
     filled = [k for k, cells in enumerate(columns) if any(cells)]
     names = [str(k + 1) for k in range(len(columns))]
     pairs = [k for k in filled if words[k] and len(set(columns[k])) == 1]
@@ -464,7 +465,8 @@ def _find_header(
         at = known.index(max(known))
         below = list(takewhile(_is_without_numbers, rows[at + 1 : at + 1 + MAX_NAME_ROWS]))
         units = next((each for each in below if any(map(_is_unit_cell, each))), [])
-        return _join_units(rows[at], units), at + 1 + len(below)
+        names_here = _fill_from_above(rows[at], rows[max(at + 1 - MAX_NAME_ROWS, 0) : at])
+        return _join_units(names_here, units), at + 1 + len(below)
     label = _find_labels(rows)
     for at, row in enumerate(rows[:50]):
         numbers = sum(is_number(cell) or is_time(cell) for cell in row)
@@ -508,12 +510,21 @@ def _name_by(rows: list[list[str]]) -> list[str]:
         range(len(rows)),
         key=lambda k: (len(rows[k]) == usual, _are_names(rows[k]), _count_suggestions(rows[k]), k),
     )
-    names = list(rows[at])
-    for above in reversed(rows[:at]):
-        if len(above) == len(names):
-            names = [name or other for name, other in zip(names, above, strict=True)]
     units = next((row for row in rows[at + 1 :] if any(map(_is_unit_cell, row))), [])
-    return _join_units(names, units)
+    return _join_units(_fill_from_above(rows[at], rows[:at]), units)
+
+
+def _fill_from_above(names: list[str], above: list[list[str]]) -> list[str]:
+    """Names, the empty ones those of the nearest row above that has as many cells.
+
+    Args:
+        names: The row of the names.
+        above: The rows above it, in their order.
+    """
+    for row in reversed(above):
+        if len(row) == len(names):
+            names = [name or other for name, other in zip(names, row, strict=True)]
+    return names
 
 
 def _are_names(row: list[str]) -> bool:
