@@ -270,6 +270,7 @@ def test_rows_that_share_the_stamps_of_a_coarse_clock_are_spread_evenly(tmp_path
     assert len(axis.sampled) == len(T)
     assert axis.sampled - axis.sampled[0] == pytest.approx(T, abs=0.021)
     assert any("rows share each stamp" in note for note in log.notes)
+    assert not any("without rows" in note for note in log.notes)
 
 
 def test_rows_before_a_pause_of_a_coarse_clock_do_not_fill_it(tmp_path):
@@ -277,8 +278,9 @@ def test_rows_before_a_pause_of_a_coarse_clock_do_not_fill_it(tmp_path):
     file = tmp_path / "a.csv"
     lines = [f"{np.floor(at + 1e-9):.0f},{x},{u}" for at, x, u in zip(t, X, U, strict=True)]
     file.write_text("\n".join(["t,x,u", *lines]), encoding="utf-8")
-    axis = read_any(file, wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg")).axes["x"]
-    assert axis.sampled == pytest.approx(t, abs=0.021)
+    log = read_any(file, wanted_columns("time=t:s,measured_x=x:mm,command_phi=u:deg"))
+    assert log.axes["x"].sampled == pytest.approx(t, abs=0.021)
+    assert [note for note in log.notes if note.startswith("1 gap of 20")]
 
 
 def test_single_stamps_that_repeat_are_left_out_as_before(tmp_path):

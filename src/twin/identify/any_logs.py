@@ -347,13 +347,6 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
         )
     columns = {role: values[~false] for role, values in columns.items()}
     time: Array = columns["time"] - columns["time"][:1]
-    steps = np.diff(time)
-    gaps = steps[steps > MAX_COMMAND_GAP_S]
-    if len(gaps):
-        notes.append(
-            f"{plural(len(gaps), 'gap')} of {gaps.sum():.3g} s in all without rows: nothing is "
-            "fitted or predicted across one"
-        )
     back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
     for row in back:  # a clock that begins anew: a new part, after a gap
         time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
@@ -362,6 +355,13 @@ def _keep_rising_rows(columns: Mapping[str, Array], notes: list[str]) -> dict[st
             f"the clock begins anew {plural(len(back), 'time')}: taken as parts of their own"
         )
     time = _spread_coarse_stamps(time, columns, notes)
+    steps = np.delete(np.diff(time), back)
+    gaps = steps[steps > MAX_COMMAND_GAP_S]
+    if len(gaps):
+        notes.append(
+            f"{plural(len(gaps), 'gap')} of {gaps.sum():.3g} s in all without rows: nothing is "
+            "fitted or predicted across one"
+        )
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     joined = _join_rows_of_one_time(time, kept, columns)
     if joined:
