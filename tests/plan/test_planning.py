@@ -4,8 +4,9 @@ import json
 
 import pytest
 
+from twin.base.page import round_plainly
 from twin.cli import main
-from twin.plan.experiment import EXCITATIONS, RigChoice, axes_settings, round_plainly
+from twin.plan.experiment import EXCITATIONS, RigChoice, axes_settings
 from twin.plan.motion import describe_work
 
 MISTAKES = {

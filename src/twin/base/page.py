@@ -243,6 +243,11 @@ def percent(share: float, decimals: int = 1) -> str:
     return f"{100 * share:.{decimals}f} %"
 
 
+def round_plainly(value: float) -> str:
+    """A number of two digits, and zeros where it is larger: 210, not 2.1e+02."""
+    return f"{float(f'{value:.2g}'):.15g}"
+
+
 def digits(value: Any, unit: str = "", places: int = 4) -> str:
     """A value in the digits a person wants to read; one in m as mm, if that is its unit."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):

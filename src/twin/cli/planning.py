@@ -142,7 +142,7 @@ def show_plan(plan: dict[str, Any], names: str | None, on: str | None) -> int:
 
 
 def _describe(done: Any) -> Iterator[Shown]:
-    from twin.plan.experiment import round_plainly
+    from twin.base.page import round_plainly
     from twin.plan.forecast import FORECAST
 
     for forecast in done.forecasts:

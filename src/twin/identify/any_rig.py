@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -404,8 +403,7 @@ def _describe_gain(axis: str, gain: ParameterVerdict, factor: float, *, held: bo
     )
     assert gain.low is not None
     assert gain.high is not None
-    low, high = sorted(math.copysign(1.0, gain.value) * end for end in (gain.low, gain.high))
-    if ball := find_other_ball(gain.value, low, high, factor):
+    if ball := find_other_ball(gain.value, gain.low, gain.high, factor):
         sentence += f" A {ball} ball has this gain: state it by --ball {ball} if it is one."
     if not is_other_scale(turned):
         return sentence

@@ -22,7 +22,7 @@ NANOSECONDS = re.compile(r"(?i)(.*?)(nsecs?|nanosecs?|nanoseconds?)")
 MILLISECONDS = re.compile(r"(?i)ms|msecs?|millis|milliseconds?")
 """Name of a column of milliseconds next to one of dates in whole seconds."""
 STEP_WORDS = re.compile(
-    r"(?i)sampl(?:e|ing)[ _]?(?:interval|period|time)|time[ _]?(?:step|increment)|hresolution"
+    r"(?i)sampl(?:e|ing)[ _]?(?:interval|period|time)|time[ _]?(?:step|increment)"
 )
 RATE_WORDS = re.compile(r"(?i)sampl(?:e|ing)[ _]?(?:rate|frequency)")
 """What heads of logs call the time between two rows, and its inverse."""

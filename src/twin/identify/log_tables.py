@@ -29,7 +29,7 @@ from twin.identify.text_forms import plain_lines, split_at_blanks
 from twin.run.foreign_logs import foreign_table
 from twin.run.logs import NEEDED_COLUMNS, SECOND_AXIS_COLUMNS
 from twin.run.readers import ForeignTable
-from twin.run.units import is_unit, split_unit
+from twin.run.units import is_unit, split_unit, with_unit
 
 SEPARATOR_NAMES = {
     "tab": "\t",
@@ -101,7 +101,7 @@ def split_content(
     if isinstance(content, str):
         header, cells, notes = _split_columns(source, content, wanted, separator)
         return header, cells, {}, notes
-    header = [_with_unit(name, content.units.get(name)) for name in content.columns]
+    header = [with_unit(name, content.units.get(name)) for name in content.columns]
     clocks = {k: content.clocks[n] for k, n in enumerate(content.columns) if n in content.clocks}
     return header, list(content.columns.values()), clocks, list(content.notes)
 
@@ -171,11 +171,6 @@ def counts_rows(header: list[str], column: ColumnWanted) -> bool:
         column: The column of the time.
     """
     return column.name == ROW_NAME and ROW_NAME not in _known_names(header)
-
-
-def _with_unit(name: str, unit: str | None) -> str:
-    """A column's name as a header has it."""
-    return f"{name} [{unit}]" if unit else name
 
 
 def _split_columns(
@@ -254,7 +249,7 @@ def _split_columns(
     columns = [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
     header, columns = _spread_lists(header or _name_by_words(columns), columns)
     header, columns = _pivot(*_take_units_out(header, columns))
-    return header, _join_nanoseconds(header, columns, notes), notes
+    return header, _join_fractions(header, columns, notes), notes
 
 
 def _spread_lists(header: list[str], columns: list[list[str]]) -> tuple[list[str], list[list[str]]]:
@@ -285,7 +280,7 @@ def _take_units_out(
         units = {each[2] for each in found}
         if len(units) == 1 and len(found) > MIN_SHARE_OF_UNITS * len(cells):
             unit = units.pop()
-            names[k] = _with_unit(split_unit(header[k])[0], unit)
+            names[k] = with_unit(split_unit(header[k])[0], unit)
             bare[k] = [cell.removesuffix(unit).strip() for cell in cells]
     return names, bare
 
@@ -358,7 +353,7 @@ def _order_by_time(columns: list[list[str]], labels: list[str]) -> list[int]:
     return list(range(len(labels)))
 
 
-def _join_nanoseconds(
+def _join_fractions(
     header: list[str], columns: list[list[str]], notes: list[str]
 ) -> list[Array | list[str]]:
     """The columns with the nanoseconds or milliseconds of a stamp added to its whole seconds.
@@ -555,7 +550,7 @@ def _join_units(header: list[str], units: list[str]) -> list[str]:
     if len(units) != len(header):
         return header
     known = [cell.strip("[]()") if _is_unit_cell(cell) else "" for cell in units]
-    return [_with_unit(name, unit) for name, unit in zip(header, known, strict=True)]
+    return [with_unit(name, unit) for name, unit in zip(header, known, strict=True)]
 
 
 def _is_unit_cell(cell: str) -> bool:

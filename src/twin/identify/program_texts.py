@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import starmap, zip_longest
 
 from twin.base.errors import LogError
+from twin.run.units import with_unit
 
 COMMENT_MARKS = ("#", "%", "//")
 """What begins a line that is a remark."""
@@ -111,11 +112,11 @@ def _read_labview(lines: list[str]) -> Iterator[str]:
             ]
             units = facts.get("Y_Unit_Label", [])
             names = [
-                _with_unit(row[k], units[k - 1] if k <= len(units) else "") for _, k in channels
+                with_unit(row[k], units[k - 1] if k <= len(units) else "") for _, k in channels
             ]
             of_time = facts.get("X_Dimension", ["Time"])[0] == "Time"
             if not named:
-                yield between.join([_with_unit(first, "s" if of_time else ""), *names])
+                yield between.join([with_unit(first, "s" if of_time else ""), *names])
             named = True
         elif channels and (not first or DECIMAL.fullmatch(first)):
             rows.append(row)
@@ -134,11 +135,6 @@ def _pair_clocks(header: list[str], clock: str) -> Iterator[tuple[int, int]]:
             at = k
         elif name:
             yield at, k
-
-
-def _with_unit(name: str, unit: str) -> str:
-    """A name as a header has it."""
-    return f"{name} [{unit}]" if unit else name
 
 
 def _read_segment(
@@ -232,7 +228,7 @@ def _read_twincat(lines: list[str]) -> Iterator[str]:
         raise LogError("TwinCAT Scope: no row has a time; export it again with time columns")
     begin = int(rows[0][0]) if len(rows[0][0]) >= FILETIME_DIGITS else None
     names = [
-        _with_unit(head[k], "" if word.startswith("(") else word)
+        with_unit(head[k], "" if word.startswith("(") else word)
         for (_, k), word in zip(channels, words, strict=True)
     ]
     yield between.join(["time [ms]", *names])
@@ -282,7 +278,7 @@ def _read_stated_step(lines: list[str]) -> Iterator[str]:
         raise LogError("Rigol: its first lines state no first time and no increment") from None
     names = [name for name in head if name and "=" not in name and name not in STEP_NAMES]
     first = int(names[0] in RIGOL_TIMES)
-    known = [_with_unit(name, unit) for name, unit in zip_longest(names, units, fillvalue="")]
+    known = [with_unit(name, unit) for name, unit in zip_longest(names, units, fillvalue="")]
     yield ",".join(["time [s]", *known[first : len(names)]])
     for k, row in enumerate(rows):
         yield ",".join([f"{begin + k * step:.9g}", *row[first : len(names)]])
@@ -308,7 +304,7 @@ def _read_yokogawa(lines: list[str]) -> Iterator[str]:
         raise LogError("Yokogawa: its head has no TraceName, HOffset and HResolution") from None
     units = stated.get("VUnit", [])
     named = zip_longest(filter(None, names), units[: len(names)], fillvalue="")
-    yield ",".join([_with_unit("time", stated.get("HUnit", ["s"])[0]), *starmap(_with_unit, named)])
+    yield ",".join([with_unit("time", stated.get("HUnit", ["s"])[0]), *starmap(with_unit, named)])
     for k, row in enumerate(row for row in rows if not row[0] and any(row)):
         yield ",".join([f"{begin + k * step:.9g}", *row[1:]])
 
@@ -440,7 +436,7 @@ def _join_values(values: Iterable[tuple[str, str, str, str]], unit: str) -> list
     names: dict[str, str] = {}
     rows = list[tuple[str, dict[str, str]]]()
     for name, time, value, of_value in values:
-        names.setdefault(name, _with_unit(name.replace(";", " "), of_value))
+        names.setdefault(name, with_unit(name.replace(";", " "), of_value))
         if not rows or name in rows[-1][1] or rows[-1][0] != time:
             rows.append((time, {}))
         rows[-1][1][name] = value

@@ -116,7 +116,7 @@ def _describe_gain(
     ):
         if 1 / how.unit_ratio < size / ratio < how.unit_ratio:
             yield f"{axis}: the gain is {digits(size)} times that of the ball: {advice}"
-    low, high = sorted(math.copysign(1.0, look.gain) * end for end in look.interval("gain"))
+    low, high = look.interval("gain")
     if high - low > 2 * how.max_gain_half_width * abs(look.gain):
         return
     if name := find_other_ball(look.gain, low, high, factor, how):
@@ -134,11 +134,12 @@ def find_other_ball(
 
     Args:
         gain: Acceleration by tilt, m/s^2 per rad; its sign does not matter.
-        low: Smaller end of the interval of its size.
-        high: Larger end.
+        low: Lower end of its interval.
+        high: Upper end.
         factor: Share of gravity that accelerates the ball, as assumed.
         how: Constants.
     """
+    low, high = sorted(math.copysign(1.0, gain) * end for end in (low, high))
     low = min(low, (1 - how.gain_tolerance) * abs(gain))
     high = max(high, (1 + how.gain_tolerance) * abs(gain))
     gravity = BallPlate().gravity

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from twin.base.errors import ScenarioError, plural
-from twin.base.page import Table
+from twin.base.page import Table, round_plainly
 from twin.identify.logs import Log
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE, HIDDEN_PARAMETERS
 from twin.identify.verdicts import IDENTIFIED_VERDICT, ParameterVerdict
@@ -226,11 +226,6 @@ def _describe(found: ParameterVerdict | None) -> str:
 
 def _number(half: float) -> str:
     return round_plainly(half) if math.isfinite(half) else "none"
-
-
-def round_plainly(value: float) -> str:
-    """A number of two digits, and zeros where it is larger: 210, not 2.1e+02."""
-    return f"{float(f'{value:.2g}'):.15g}"
 
 
 def check_plan(

@@ -23,6 +23,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import ScenarioError
+from twin.base.page import round_plainly
 from twin.base.writing import write_whole
 from twin.identify.logs import Log
 from twin.identify.parameters import DEFAULT_PARAMETERS, FITTED_SHARE
@@ -33,7 +34,6 @@ from twin.plan.experiment import (
     check_plan,
     forecast_motion,
     forecast_runs,
-    round_plainly,
 )
 from twin.run.controller_building import build_reference
 from twin.scenario.load import read

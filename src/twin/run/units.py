@@ -56,6 +56,11 @@ def is_unit(word: str) -> bool:
     return bool(plain) and (known or plain in OTHER_UNITS)
 
 
+def with_unit(name: str, unit: str | None) -> str:
+    """A column's name as a header has it, with its unit if it has one; see ``split_unit``."""
+    return f"{name} [{unit}]" if unit else name
+
+
 def split_unit(header: str) -> tuple[str, str | None]:
     """Name and unit of a header such as ``measured_x [mm]`` or ``X (mm)``; None without a unit.
 

@@ -13,6 +13,7 @@ import numpy as np
 from controllers.interfaces import Law, Measurement
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.jobs import SecondProcess
+from twin.base.page import round_plainly
 from twin.base.writing import write_json, write_whole
 from twin.hal.supervisor import INJECTED_BEGIN
 from twin.identify.any_logs import read_any
@@ -165,8 +166,8 @@ def agreement(moment: Moment, synchronisation: Synchronisation = SYNCHRONISATION
         return f"{begins}; the twin could not be checked: no whole {seconds:g} s before"
     bad = before > synchronisation.max_distance_mm
     poor = ": the twin does not fit, and a future is no better" if bad else ""
-    apart = f"{float(f'{before:.2g}'):g}"
-    return f"{begins}; twin and record are {apart} mm apart at most in the second before{poor}"
+    apart = f"twin and record are {round_plainly(before)} mm apart at most in the second before"
+    return f"{begins}; {apart}{poor}"
 
 
 SHOWN_BEFORE_S = 2.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -19,10 +19,11 @@ from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import DelayedObserver, Measurement
 from twin.base.errors import RecordError
+from twin.hal.interface import Clamp
 from twin.identify.logs import Log
 from twin.identify.prepare import interpolate
 from twin.run.assemble import assemble
-from twin.run.controller_building import build_controller, build_reference, law_of
+from twin.run.controller_building import build_controller, build_limits, build_reference, law_of
 from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.metrics import Motion
@@ -401,13 +402,14 @@ def _describe_limits(
 
     Drives of another rig, as hobby servos, follow commands that the twin's own may not.
     """
-    period, limits = scenario.rig.period, scenario.rig.limits
-    most, step = math.radians(limits.rate_deg), limits.acceleration * period
+    period, limits, known = scenario.rig.period, scenario.rig.limits, build_limits(scenario)
+    # a plate that leaves its range of angles is no slow drive
+    clamp = Clamp(replace(known, angle=np.inf), period)
     times = at - about.compared_s + period * np.arange(round(about.compared_s / period))
     wanted = log.commanded(times)
-    rate, off, apart = wanted[0], np.zeros(2), 0.0
+    rate, off, apart = np.clip(wanted[:1], -known.rate, known.rate), np.zeros((1, 2)), 0.0
     for each in wanted:
-        rate = np.clip(np.clip(each, rate - step, rate + step), -most, most)
+        rate = clamp(each[None], rate, off)
         off = off + (rate - each) * period
         apart = max(apart, float(np.abs(off).max()))
     if math.degrees(apart) > about.max_limited_deg:
